@@ -1,1 +1,88 @@
-"""Placeholder docstring, replaced with the room."""
+"""Optimal pumping cycles of kite power systems: model, forward simulation and optimal control.
+
+>>> import kiteocp
+>>> problem = kiteocp.load_problem("strong-wind")
+>>> result = kiteocp.simulate(problem)
+>>> force = result["tether_force_kite_N"]
+
+Importing the package loads neither NumPy nor CasADi; each name is imported when it is first used.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from kiteocp import errors as errors
+    from kiteocp.cycle import flight_state as flight_state
+    from kiteocp.cycle import simulate as simulate
+    from kiteocp.errors import CycleError as CycleError
+    from kiteocp.errors import InputError as InputError
+    from kiteocp.errors import KiteocpError as KiteocpError
+    from kiteocp.errors import NoEquilibriumError as NoEquilibriumError
+    from kiteocp.errors import SolveError as SolveError
+    from kiteocp.ocp import solve as solve
+    from kiteocp.problem import Problem as Problem
+    from kiteocp.problem import load_problem as load_problem
+    from kiteocp.problem import shipped_problems as shipped_problems
+    from kiteocp.result import Result as Result
+    from kiteocp.result import load_result as load_result
+
+    __version__: str
+
+_HOMES: dict[str, str] = {
+    "CycleError": "kiteocp.errors",
+    "InputError": "kiteocp.errors",
+    "KiteocpError": "kiteocp.errors",
+    "NoEquilibriumError": "kiteocp.errors",
+    "Problem": "kiteocp.problem",
+    "Result": "kiteocp.result",
+    "SolveError": "kiteocp.errors",
+    "flight_state": "kiteocp.cycle",
+    "load_problem": "kiteocp.problem",
+    "load_result": "kiteocp.result",
+    "shipped_problems": "kiteocp.problem",
+    "simulate": "kiteocp.cycle",
+    "solve": "kiteocp.ocp",
+}
+
+__all__ = [
+    "CycleError",
+    "InputError",
+    "KiteocpError",
+    "NoEquilibriumError",
+    "Problem",
+    "Result",
+    "SolveError",
+    "__version__",
+    "errors",
+    "flight_state",
+    "load_problem",
+    "load_result",
+    "shipped_problems",
+    "simulate",
+    "solve",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first used (PEP 562)."""
+    import importlib  # noqa: PLC0415  (kept out of `import kiteocp`)
+
+    value: Any
+    if name == "__version__":
+        import importlib.metadata  # noqa: PLC0415
+
+        value = importlib.metadata.version("kiteocp")
+    elif name == "errors":
+        value = importlib.import_module("kiteocp.errors")
+    elif name in _HOMES:
+        value = getattr(importlib.import_module(_HOMES[name]), name)
+    else:
+        raise AttributeError(f"module 'kiteocp' has no attribute '{name}'")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

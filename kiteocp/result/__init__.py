@@ -1,0 +1,7 @@
+"""What comes out of a calculation: named channels with units, summaries, saving, loading and the printed table."""
+
+from kiteocp.result.channels import TIME_SERIES_CHANNELS, unit_of
+from kiteocp.result.container import STATUSES, Result
+from kiteocp.result.storage import load_result, write_atomically
+
+__all__ = ["STATUSES", "TIME_SERIES_CHANNELS", "Result", "load_result", "unit_of", "write_atomically"]

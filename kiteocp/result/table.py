@@ -1,0 +1,160 @@
+"""The table a person reads: phases as rows, an optimum beside the prescribed cycle of the same problem."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from kiteocp.result.channels import unit_of
+from kiteocp.result.container import Result
+
+_HEADER = ("duration", "mean power", "energy", "tether length", "elevation")
+_UNITS = ("s", "kW", "kJ", "m", "deg")
+_NO_VALUE = "-"
+
+
+def format_result(result: Result) -> str:
+    """Return the table of a result.
+
+    Parameters
+    ----------
+    result : Result
+        Of any verb and status.
+
+    Returns
+    -------
+    str
+        Several lines of plain ASCII (beside what the problem file holds), without a newline at the end.
+
+    """
+    title = result.problem.name
+    description = getattr(result.problem, "description", None)
+    lines = [f"{title}: {description}" if description else title, f"{result.verb}: {result.status}"]
+    if message := result.details.get("message"):
+        lines[1] += f" - {message}"
+    if result.phases or (result.prescribed is not None and result.prescribed.phases):
+        lines += ["", *_format_cycles(result), "", *_format_facts(result)]
+    lines += _format_active_limits(result.details.get("active_limits") or {})
+    if solver := result.details.get("solver"):
+        lines.append(f"solver: {_format_solver(solver)}")
+    lines += [f"warning: {text}" for text in result.warnings]
+    return "\n".join(lines)
+
+
+def _format_cycles(result: Result) -> list[str]:
+    """Return the table proper: a block of rows for each phase, one row for each cycle compared."""
+    cycles = {"": result}
+    if result.prescribed is not None:
+        cycles = {"optimal": result, "prescribed": result.prescribed}
+    rows: list[tuple[str, ...]] = [("", "", *_HEADER), ("", "", *_UNITS)]
+    names = dict.fromkeys(name for cycle in cycles.values() for name in cycle.phases)
+    for name in names:
+        rows += [_row(name, label, cycle.phases.get(name, {})) for label, cycle in cycles.items()]
+    if any(cycle.cycle.get("phase_change_time_total_s") for cycle in cycles.values()):
+        for label, cycle in cycles.items():
+            duration = {"duration_s": cycle.cycle.get("phase_change_time_total_s")}
+            rows.append(_row("phase changes", label, duration))
+    rows += [_row("cycle", label, cycle.cycle) for label, cycle in cycles.items()]
+    # A phase is named once; the rows below it are the other cycles.
+    shown = [(row[0] if index == 0 or row[0] != rows[index - 1][0] else "", *row[1:]) for index, row in enumerate(rows)]
+    widths = [max(len(row[column]) for row in shown) for column in range(len(shown[0]))]
+    lines = []
+    for row in shown:
+        left = [cell.ljust(width) for cell, width in zip(row[:2], widths[:2], strict=True) if width]
+        right = [cell.rjust(width) for cell, width in zip(row[2:], widths[2:], strict=True)]
+        lines.append("  ".join([*left, *right]).rstrip())
+    rule = "-" * max(map(len, lines))
+    last = len(cycles)
+    return [*lines[:2], rule, *lines[2:-last], rule, *lines[-last:]]
+
+
+def _row(name: str, label: str, values: Mapping[str, float | None]) -> tuple[str, ...]:
+    return (
+        name,
+        label,
+        _number(values.get("duration_s"), 1),
+        _number(values.get("mean_power_W"), 2, 1e-3),
+        _number(values.get("energy_J"), 1, 1e-3),
+        _range(values.get("tether_length_start_m"), values.get("tether_length_end_m")),
+        _range(values.get("elevation_start_deg"), values.get("elevation_end_deg")),
+    )
+
+
+def _number(value: float | None, decimals: int, factor: float = 1.0) -> str:
+    if value is None or not math.isfinite(value):
+        return ""
+    # Adding zero turns the -0.0 that rounding can leave into 0.0.
+    return f"{round(value * factor, decimals) + 0.0:.{decimals}f}"
+
+
+def _range(start: float | None, end: float | None) -> str:
+    if start is None and end is None:
+        return ""
+    return f"{_number(start, 1) or _NO_VALUE} -> {_number(end, 1).rjust(5) or _NO_VALUE}"
+
+
+def _format_facts(result: Result) -> list[str]:
+    """Return what describes the cycle as a whole, and the gain over the prescribed one."""
+    lines = []
+    cycle = result.cycle
+    facts = []
+    if (factor := cycle.get("mean_harvesting_factor")) is not None:
+        facts.append(f"mean harvesting factor {factor:.2f}")
+    if (altitude := cycle.get("mean_traction_altitude_m")) is not None:
+        facts.append(f"mean traction altitude {altitude:.0f} m")
+    if (wind_speed := cycle.get("wind_speed_at_mean_traction_altitude_m_s")) is not None:
+        facts.append(f"wind speed there {wind_speed:.1f} m/s")
+    if facts:
+        lines.append(", ".join(facts))
+    if result.prescribed is not None:
+        lines.append(_format_gain(cycle.get("mean_power_W"), result.prescribed))
+    return lines
+
+
+def _format_gain(power: float | None, prescribed: Result) -> str:
+    reference = prescribed.cycle.get("mean_power_W")
+    if power is None or reference is None:
+        message = prescribed.details.get("message", f"its simulation is {prescribed.status}")
+        return f"no comparison with the prescribed cycle: {message}"
+    gain = f" ({100.0 * (power / reference - 1.0):+.1f} %)" if reference > 0.0 else ""
+    return (
+        f"mean cycle power {power / 1e3:.2f} kW, prescribed {reference / 1e3:.2f} kW: "
+        f"{(power - reference) / 1e3:+.2f} kW{gain}"
+    )
+
+
+def _format_active_limits(active: Mapping[str, list[dict[str, Any]]]) -> list[str]:
+    rows = [(phase, limit) for phase, limits in active.items() for limit in limits]
+    if not rows:
+        return []
+    width = max(len(phase) for phase, _ in rows)
+    lines = ["active limits (share of the time of the phase)"]
+    previous = ""
+    for phase, limit in rows:
+        name = "" if phase == previous else phase
+        previous = phase
+        unit = unit_of(limit["limit"])
+        value = "" if limit.get("value") is None else f" = {limit['value']:.4g}"
+        suffix = "" if not value or unit == "1" else f" {unit}"
+        share = "" if limit.get("share") is None else f" ({100.0 * limit['share']:.0f} %)"
+        lines.append(f"  {name.ljust(width)}  {limit['limit']}{value}{suffix}{share}")
+    return lines
+
+
+def _format_solver(solver: Mapping[str, Any]) -> str:
+    parts = [str(solver.get("status", "unknown status"))]
+    if (iterations := solver.get("iterations")) is not None:
+        parts.append(f"{iterations} iterations")
+    if (time := solver.get("time_s")) is not None:
+        parts.append(f"solved in {_duration(time)}")
+    if (build_time := solver.get("build_time_s")) is not None:
+        parts.append(f"built in {_duration(build_time)}")
+    if (starts := solver.get("starts")) is not None:
+        count = starts if isinstance(starts, int) else len(starts)
+        parts.append(f"{count} start{'' if count == 1 else 's'}")
+    return ", ".join(parts)
+
+
+def _duration(time_s: float) -> str:
+    return f"{1e3 * time_s:.0f} ms" if time_s < 1.0 else f"{time_s:.1f} s"
