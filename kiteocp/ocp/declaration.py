@@ -1,0 +1,336 @@
+"""What an optimal control problem of several phases is, before any discretisation.
+
+Variables, phases, links and an objective, written with CasADi ``SX`` symbols. Nothing here knows about meshes,
+solvers, or kites. See `kiteocp.ocp.transcription` for the whole picture and an example.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+
+Expression = Any
+"""A number or a scalar ``casadi.SX`` expression (CasADi carries no types)."""
+
+
+def _require_scale(owner: str, scale: float) -> None:
+    """Reject a scale that is not a positive finite number."""
+    if not (math.isfinite(scale) and scale > 0.0):
+        raise ValueError(f"{owner}: scale must be positive and finite, not {scale}")
+
+
+def _require_bounds(owner: str, lower: Expression, upper: Expression) -> None:
+    """Reject numeric bounds that are NaN or crossed; symbolic ones are left to the numbers that come."""
+    low, high = ca.SX(lower), ca.SX(upper)
+    if low.is_constant() and high.is_constant() and not float(low) <= float(high):
+        raise ValueError(f"{owner}: lower bound {float(low)} must not exceed upper bound {float(high)}")
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A scalar unknown of the problem.
+
+    Attributes
+    ----------
+    name
+        Unique within its phase (or among the statics).
+    lower, upper
+        Bounds in physical units: numbers (infinite allowed) or ``SX`` expressions of the problem's parameters.
+    scale
+        Typical magnitude; the solver sees value / scale.
+
+    """
+
+    name: str
+    lower: Expression = -math.inf
+    upper: Expression = math.inf
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        _require_scale(f"variable '{self.name}'", self.scale)
+        _require_bounds(f"variable '{self.name}'", self.lower, self.upper)
+
+
+@dataclass(frozen=True)
+class Static(Variable):
+    """A decision shared by all phases; use `symbol` in models, links and the objective."""
+
+    symbol: Expression = field(init=False, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "symbol", ca.SX.sym(self.name))
+
+
+@dataclass(frozen=True)
+class Residual:
+    """An algebraic equation ``expression == 0``; its row in the program is expression / scale."""
+
+    name: str
+    expression: Expression
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        _require_scale(f"residual '{self.name}'", self.scale)
+
+
+@dataclass(frozen=True)
+class PathConstraint:
+    """``lower <= expression <= upper`` at every collocation point; bounds as for `Variable`."""
+
+    name: str
+    expression: Expression
+    lower: Expression = -math.inf
+    upper: Expression = math.inf
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        _require_scale(f"constraint '{self.name}'", self.scale)
+        _require_bounds(f"constraint '{self.name}'", self.lower, self.upper)
+
+
+@dataclass(frozen=True)
+class RateLimit:
+    """Bounds on the difference quotient of a quantity between consecutive collocation points of a phase.
+
+    Attributes
+    ----------
+    name
+        Name of the rows.
+    quantity
+        A state, algebraic, control or output of the phase.
+    lower, upper
+        Bounds in units of the quantity per second, as for `Variable`.
+    scale
+        Typical magnitude of the rate.
+
+    """
+
+    name: str
+    quantity: str
+    lower: Expression
+    upper: Expression
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        _require_scale(f"rate limit '{self.name}'", self.scale)
+        _require_bounds(f"rate limit '{self.name}'", self.lower, self.upper)
+
+
+@dataclass(frozen=True)
+class Link:
+    """``lower <= expression <= upper`` over phase ends, durations, integrals, statics; by default ``== 0``."""
+
+    name: str
+    expression: Expression
+    lower: Expression = 0.0
+    upper: Expression = 0.0
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        _require_scale(f"link '{self.name}'", self.scale)
+        _require_bounds(f"link '{self.name}'", self.lower, self.upper)
+
+
+@dataclass(frozen=True)
+class Point:
+    """The symbols a phase model is written in, at one instant.
+
+    Attributes
+    ----------
+    values
+        States, algebraics and controls by name; ``point["r"]`` is short for ``point.values["r"]``.
+    time
+        Time since the start of the phase.
+    duration
+        Duration of the phase.
+
+    """
+
+    values: Mapping[str, Expression]
+    time: Expression
+    duration: Expression
+
+    def __getitem__(self, name: str) -> Expression:
+        return self.values[name]
+
+
+@dataclass(frozen=True)
+class PointExpressions:
+    """What a phase model answers: expressions of the `Point`, the statics and the parameters.
+
+    Attributes
+    ----------
+    derivatives
+        Time derivative of every state.
+    residuals
+        Algebraic equations, normally as many as algebraic variables.
+    constraints
+        Path constraints.
+    outputs
+        Named quantities to report, integrate, average, or limit in rate.
+
+    """
+
+    derivatives: Mapping[str, Expression]
+    residuals: Sequence[Residual] = ()
+    constraints: Sequence[PathConstraint] = ()
+    outputs: Mapping[str, Expression] = field(default_factory=dict)
+
+
+class Symbols(Mapping[str, Expression]):
+    """Symbols made on first use, one for each name asked for.
+
+    Links refer to phase values through these; the transcription replaces exactly those that were used.
+    """
+
+    def __init__(self, owner: str, names: Sequence[str]) -> None:
+        self._owner = owner
+        self._names = tuple(names)
+        self._used: dict[str, Expression] = {}
+
+    def __getitem__(self, name: str) -> Expression:
+        if name not in self._names:
+            raise KeyError(f"{self._owner} has no '{name}'; it has {', '.join(self._names) or 'nothing'}")
+        if name not in self._used:
+            self._used[name] = ca.SX.sym(f"{self._owner}.{name}")
+        return self._used[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._names)
+
+    def __len__(self) -> int:
+        return len(self._names)
+
+    @property
+    def used(self) -> Mapping[str, Expression]:
+        """The symbols that were asked for."""
+        return self._used
+
+
+class Phase:
+    """One phase: its variables, its model, and the symbols that links are written with.
+
+    Parameters
+    ----------
+    name
+        Unique in the problem.
+    duration
+        The (free or fixed) duration; bounds and scale as for any variable.
+    states
+        Have a value at the phase start and at each collocation point, and a derivative in the model.
+    model
+        Called once with the phase's symbols; may use statics' symbols and parameters of the problem directly.
+    algebraics, controls
+        Have a value at each collocation point. The two differ in name only: algebraics are meant to be determined
+        by the residuals.
+    rate_limits
+        Bounds on difference quotients inside the phase.
+
+    Attributes
+    ----------
+    start : Symbols
+        States at the phase start.
+    first, end : Symbols
+        Any state, algebraic, control or output at the first and at the last collocation point. The last one is
+        the end of the phase; the first one lies shortly after its start.
+    integral, mean : Symbols
+        Time integral and time mean over the phase of any state, algebraic, control or output.
+
+    Raises
+    ------
+    ValueError
+        If names repeat, derivatives do not match the states, or a rate limit names an unknown quantity.
+
+    """
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        duration: Variable,
+        states: Sequence[Variable],
+        model: Callable[[Point], PointExpressions],
+        algebraics: Sequence[Variable] = (),
+        controls: Sequence[Variable] = (),
+        rate_limits: Sequence[RateLimit] = (),
+    ) -> None:
+        self.name = name
+        self.duration_variable = duration
+        self.states, self.algebraics, self.controls = tuple(states), tuple(algebraics), tuple(controls)
+        self.rate_limits = tuple(rate_limits)
+        unknowns = [v.name for v in (*self.states, *self.algebraics, *self.controls)]
+        self.point = Point(
+            {n: ca.SX.sym(f"{name}.{n}") for n in unknowns},
+            ca.SX.sym(f"{name}.time"),
+            ca.SX.sym(f"{name}.duration"),
+        )
+        self.expressions = model(self.point)
+        self.quantities = (*unknowns, *self.expressions.outputs)
+        self._check()
+        self.start = Symbols(f"{name}.start", [v.name for v in self.states])
+        self.first = Symbols(f"{name}.first", self.quantities)
+        self.end = Symbols(f"{name}.end", self.quantities)
+        self.integral = Symbols(f"{name}.integral", self.quantities)
+        self.mean = Symbols(f"{name}.mean", self.quantities)
+
+    @property
+    def duration(self) -> Expression:
+        """Symbol of the phase's duration."""
+        return self.point.duration
+
+    def _check(self) -> None:
+        repeated = sorted({n for n in self.quantities if self.quantities.count(n) > 1})
+        if repeated:
+            raise ValueError(f"phase '{self.name}': more than one quantity is called {', '.join(repeated)}")
+        wanted, given = {v.name for v in self.states}, set(self.expressions.derivatives)
+        if wanted != given:
+            raise ValueError(
+                f"phase '{self.name}': derivatives must be given for exactly the states; "
+                f"missing {sorted(wanted - given)}, not a state {sorted(given - wanted)}"
+            )
+        for limit in self.rate_limits:
+            if limit.quantity not in self.quantities:
+                raise ValueError(
+                    f"phase '{self.name}': rate limit '{limit.name}' names the unknown quantity '{limit.quantity}'; "
+                    f"known are {', '.join(self.quantities)}"
+                )
+
+
+@dataclass(frozen=True)
+class OptimalControlProblem:
+    """Phases, what links them, and what to minimise.
+
+    Attributes
+    ----------
+    phases
+        In any order; links say how they follow each other.
+    objective
+        To be minimised: an expression of phase symbols, statics and parameters, of order one.
+    links
+        Equalities and inequalities between phases.
+    statics
+        Decisions shared by the phases.
+    parameters
+        Column vector of ``SX`` symbols, the numbers that may change from solve to solve.
+
+    """
+
+    phases: Sequence[Phase]
+    objective: Expression
+    links: Sequence[Link] = ()
+    statics: Sequence[Static] = ()
+    parameters: Expression = field(default_factory=lambda: ca.SX(0, 1))
+
+    def __post_init__(self) -> None:
+        for kind, names in (
+            ("phase", [p.name for p in self.phases]),
+            ("static", [s.name for s in self.statics]),
+        ):
+            repeated = sorted({n for n in names if names.count(n) > 1})
+            if repeated:
+                raise ValueError(f"more than one {kind} is called {', '.join(repeated)}")

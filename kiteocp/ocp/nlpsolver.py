@@ -1,0 +1,171 @@
+"""Solving a nonlinear program with IPOPT: built once, called with numbers."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from kiteocp.ocp.collocation import FloatArray
+from kiteocp.ocp.nlp import NonlinearProgram
+
+DEFAULT_IPOPT_OPTIONS: Mapping[str, Any] = {
+    "linear_solver": "mumps",
+    "mu_strategy": "adaptive",
+    "fast_step_computation": "yes",
+    "tol": 1e-8,
+    "max_iter": 300,
+    # IPOPT widens every bound by 1e-8 of its value, visible as a force "above" its limit. Zero would leave no
+    # interior to a problem whose bounds pin a variable from both sides; this is far below every tolerance.
+    "bound_relax_factor": 1e-10,
+    # Variables and rows come scaled; automatic scaling would make `tol` mean something else for every start.
+    "nlp_scaling_method": "none",
+    "print_level": 0,
+    "sb": "yes",
+}
+"""Options of IPOPT, see https://coin-or.github.io/Ipopt/OPTIONS.html."""
+
+WARM_IPOPT_OPTIONS: Mapping[str, Any] = {
+    "warm_start_init_point": "yes",
+    "mu_strategy": "monotone",
+    "mu_init": 1e-6,
+    "warm_start_bound_push": 1e-8,
+    "warm_start_bound_frac": 1e-8,
+    "warm_start_slack_bound_push": 1e-8,
+    "warm_start_slack_bound_frac": 1e-8,
+    "warm_start_mult_bound_push": 1e-8,
+}
+"""What changes when a neighbouring solution with its multipliers is the start."""
+
+
+@dataclass(frozen=True)
+class Solution:
+    """What the solver returned, converged or not.
+
+    Attributes
+    ----------
+    x, g, lam_x, lam_g
+        Variables and rows (scaled as in the program) and their multipliers: positive at an upper bound, negative at
+        a lower one, so that grad f + (dg/dx)' lam_g + lam_x = 0. Shapes (variables,) and (rows,).
+    p
+        Parameters it was solved for.
+    f
+        Objective.
+    success
+        Whether the solver met its tolerances.
+    status
+        The solver's word for how it ended.
+    iterations
+        Number of iterations.
+    time_s
+        Wall time of the call.
+
+    """
+
+    x: FloatArray
+    f: float
+    g: FloatArray
+    lam_x: FloatArray
+    lam_g: FloatArray
+    p: FloatArray
+    success: bool
+    status: str
+    iterations: int
+    time_s: float
+
+
+class Solver:
+    """IPOPT for one program, with exact derivatives that are generated once.
+
+    Parameters
+    ----------
+    program
+        What to solve.
+    options
+        IPOPT options that replace or extend `DEFAULT_IPOPT_OPTIONS`.
+    callback
+        Optional CasADi callback called after each iteration (progress, interruption).
+
+    """
+
+    def __init__(
+        self, program: NonlinearProgram, options: Mapping[str, Any] | None = None, callback: Any | None = None
+    ) -> None:
+        self.program = program
+        self.options = {**DEFAULT_IPOPT_OPTIONS, **(options or {})}
+        self._callback = callback
+        self._cold = self._build("solver", self.options)
+
+    @cached_property
+    def _warm(self) -> Any:
+        return self._build("warm_solver", {**self.options, **WARM_IPOPT_OPTIONS})
+
+    def _build(self, name: str, ipopt: Mapping[str, Any]) -> Any:
+        nlp = self.program
+        options: dict[str, Any] = {
+            "ipopt": dict(ipopt),
+            "print_time": False,
+            "show_eval_warnings": False,
+            "error_on_fail": False,
+            # The gradient with respect to p is `optimality.parametric_gradient`, which knows the bounds too.
+            "calc_lam_p": False,
+            "no_nlp_grad": True,
+        }
+        if self._callback is not None:
+            options["iteration_callback"] = self._callback
+        return ca.nlpsol(name, "ipopt", {"x": nlp.x, "p": nlp.p, "f": nlp.f, "g": nlp.g}, options)
+
+    def solve(self, x0: ArrayLike, p: ArrayLike = (), warm: Solution | None = None) -> Solution:
+        """Solve for one set of parameters.
+
+        Parameters
+        ----------
+        x0
+            Start, shape (variables,), from `NonlinearProgram.pack`. Not used when `warm` is given.
+        p
+            Parameters, shape (parameters,).
+        warm
+            A neighbouring solution of the same program: its variables and multipliers are the start.
+
+        Returns
+        -------
+        Solution
+            Also when the solver failed; look at `success`.
+
+        Raises
+        ------
+        ValueError
+            If the parameters are not finite, of the wrong number, or make bounds cross.
+
+        """
+        began = time.perf_counter()
+        parameters = np.asarray(p, dtype=float).ravel()
+        expected = self.program.p.numel()
+        if parameters.size != expected or not np.all(np.isfinite(parameters)):
+            raise ValueError(f"the program takes {expected} finite parameters, not {parameters}")
+        lbx, ubx, lbg, ubg = self.program.numeric_bounds(parameters)
+        arguments = {"p": parameters, "lbx": lbx, "ubx": ubx, "lbg": lbg, "ubg": ubg}
+        if warm is None:
+            solver = self._cold
+            arguments["x0"] = np.asarray(x0, dtype=float)
+        else:
+            solver = self._warm
+            arguments |= {"x0": warm.x, "lam_x0": warm.lam_x, "lam_g0": warm.lam_g}
+        result = solver(**arguments)
+        statistics = solver.stats()
+        x, g, lam_x, lam_g = (result[name].full().ravel() for name in ("x", "g", "lam_x", "lam_g"))
+        objective = float(result["f"])
+        return Solution(
+            x, objective, g, lam_x, lam_g, parameters,
+            success=bool(statistics["success"]) and math.isfinite(objective),
+            status=str(statistics["return_status"]),
+            iterations=int(statistics["iter_count"]),
+            time_s=time.perf_counter() - began,
+        )  # fmt: skip

@@ -1,0 +1,261 @@
+"""Direct collocation of optimal control problems of several phases, generic and symbolic.
+
+Three separate things, each with its module:
+
+1. **Declaration** (`kiteocp.ocp.declaration`): variables, phases, links, objective.
+2. **Discretisation** (this module): `transcribe` a problem on a mesh (`kiteocp.ocp.collocation.PhaseMesh` for each
+   phase) into a `kiteocp.ocp.nlp.NonlinearProgram`, all in CasADi ``SX``, parameters symbolic.
+3. **Solution** (`kiteocp.ocp.nlpsolver`): a `Solver` is built once and called with numbers;
+   `kiteocp.ocp.trajectory.Trajectory` holds the values over time; `kiteocp.ocp.optimality` checks and differentiates.
+
+The shortest time to move a trolley by `distance` from rest to rest with at most unit acceleration::
+
+    distance = ca.SX.sym("distance")
+
+    def model(point):
+        return PointExpressions({"x": point["v"], "v": point["a"]}, outputs={"power": point["v"] * point["a"]})
+
+    move = Phase(
+        "move",
+        duration=Variable("duration", 0.1, 10.0),
+        states=[Variable("x"), Variable("v", scale=2.0)],
+        controls=[Variable("a", -1.0, 1.0)],
+        model=model,
+    )
+    links = [Link(f"{n} at start", move.start[n]) for n in ("x", "v")]
+    links += [Link("distance", move.end["x"] - distance), Link("rest", move.end["v"])]
+    problem = OptimalControlProblem([move], move.duration, links, parameters=distance)
+
+    program = transcribe(problem, {"move": PhaseMesh.uniform(intervals=4, degree=3)})
+    solver = Solver(program)
+    guess = Guess({"move": PhaseGuess(1.5, {"x": lambda s: s, "v": 1.0, "a": 0.0})}, statics={})
+    solution = solver.solve(program.pack(guess), p=[1.0])
+    solution.success, solution.f                       # True, 2.0
+    trajectory = program.unpack(solution.x, p=[1.0])
+    trajectory["move"].evaluate([0.0, 0.5, 1.0])["v"]  # any quantity anywhere
+    program.pack(trajectory)                           # start for any program of the same problem, on any mesh
+
+Statics (`Static`) are decisions shared by phases: use their ``symbol`` anywhere. Links and the objective refer to
+phases by ``phase.start[state]``, ``phase.end[quantity]``, ``phase.first[quantity]`` (first collocation point),
+``phase.duration``, ``phase.integral[quantity]`` and ``phase.mean[quantity]``. Quantities are states, algebraics,
+controls and outputs. Bounds may be expressions of the parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from kiteocp.ocp.collocation import PhaseMesh, differentiation_matrix
+from kiteocp.ocp.declaration import Expression, OptimalControlProblem, Phase, Variable
+from kiteocp.ocp.nlp import Label, NonlinearProgram, PhaseLayout, scaled_bounds
+
+
+@dataclass
+class _Rows:
+    """Variables or constraint rows under construction: expressions, bounds and labels grow together."""
+
+    expressions: list[Any] = field(default_factory=list)
+    lower: list[Any] = field(default_factory=list)
+    upper: list[Any] = field(default_factory=list)
+    labels: list[Label] = field(default_factory=list)
+
+    def variable(self, variable: Variable, label: Label) -> tuple[int, Any]:
+        """Add a variable; return its index and its value in physical units."""
+        symbol = ca.SX.sym(str(label))
+        lower, upper = scaled_bounds(variable)
+        self._append(symbol, lower, upper, label)
+        return len(self.labels) - 1, symbol * variable.scale
+
+    def row(self, expression: Any, lower: Any, upper: Any, label: Label) -> None:
+        """Add a row in physical units."""
+        scale = label.scale
+        self._append(expression / scale, ca.SX(lower) / scale, ca.SX(upper) / scale, label)
+
+    def _append(self, expression: Any, lower: Any, upper: Any, label: Label) -> None:
+        self.expressions.append(expression)
+        self.lower.append(lower)
+        self.upper.append(upper)
+        self.labels.append(label)
+
+
+def point_function(phase: Phase, statics: Any, parameters: Any) -> Any:
+    """Model of a phase at one point as a CasADi function, built once and called at every point.
+
+    Returns
+    -------
+    casadi.Function
+        (states, algebraics, controls, time, duration, statics, parameters) ->
+        (derivatives, residuals, constraints, outputs), columns in the order of declaration, physical units.
+
+    Raises
+    ------
+    ValueError
+        If the model uses a symbol that is none of these.
+
+    """
+    point, said = phase.point, phase.expressions
+    groups = [_column([point[v.name] for v in g]) for g in (phase.states, phase.algebraics, phase.controls)]
+    inputs = [*groups, point.time, point.duration, statics, parameters]
+    outputs = [
+        _column([said.derivatives[v.name] for v in phase.states]),
+        _column([r.expression for r in said.residuals]),
+        _column([c.expression for c in said.constraints]),
+        _column(list(said.outputs.values())),
+    ]
+    _require_known(f"the model of phase '{phase.name}'", outputs, inputs)
+    return ca.Function(f"point_{phase.name}", inputs, outputs, {"cse": True})
+
+
+def transcribe(problem: OptimalControlProblem, mesh: Mapping[str, PhaseMesh]) -> NonlinearProgram:
+    """Discretise a problem by Radau collocation.
+
+    States have a value at the phase start and at each collocation point, algebraics and controls at each collocation
+    point. Rows come phase by phase, point by point: defects (dynamics), residuals, path constraints, rate limits;
+    the links last.
+
+    Parameters
+    ----------
+    problem
+        What to solve.
+    mesh
+        Mesh of each phase, by phase name.
+
+    Returns
+    -------
+    NonlinearProgram
+
+    Raises
+    ------
+    ValueError
+        If the mesh of a phase is missing, or an expression uses a symbol it may not (bounds: only parameters).
+
+    """
+    if set(mesh) != {phase.name for phase in problem.phases}:
+        raise ValueError(f"meshes are given for {sorted(mesh)}, phases are {sorted(p.name for p in problem.phases)}")
+    variables, rows = _Rows(), _Rows()
+    statics = _column([variables.variable(s, Label("static", s.name, s.scale))[1] for s in problem.statics])
+    static_symbols = _column([s.symbol for s in problem.statics])
+    parameters = ca.SX(problem.parameters)
+    layouts, functions = {}, {}
+    symbols, values = [static_symbols, parameters], [statics, parameters]
+    for phase in problem.phases:
+        function = functions[phase.name] = point_function(phase, static_symbols, parameters)
+        layout, used, meant = _transcribe_phase(
+            phase, mesh[phase.name], function, (statics, parameters), (variables, rows)
+        )
+        layouts[phase.name] = layout
+        symbols += used
+        values += meant
+    wanted = [ca.SX(problem.objective), *(ca.SX(link.expression) for link in problem.links)]
+    _require_known("the objective or a link", wanted, symbols)
+    objective, *linked = ca.Function("links", symbols, wanted)(*values)
+    for link, expression in zip(problem.links, linked, strict=True):
+        rows.row(expression, link.lower, link.upper, Label("link", link.name, link.scale))
+    bounds = [_column(b) for b in (variables.lower, variables.upper, rows.lower, rows.upper)]
+    _require_known("a bound", bounds, [parameters])
+    return NonlinearProgram(
+        x=_column(variables.expressions),
+        p=parameters,
+        f=objective,
+        g=_column(rows.expressions),
+        bounds=ca.Function("bounds", [parameters], bounds, ["p"], ["lbx", "ubx", "lbg", "ubg"]),
+        variables=tuple(variables.labels),
+        rows=tuple(rows.labels),
+        problem=problem,
+        mesh=dict(mesh),
+        layouts=layouts,
+        functions=functions,
+    )
+
+
+def _transcribe_phase(
+    phase: Phase, mesh: PhaseMesh, function: Any, shared: tuple[Any, Any], program: tuple[_Rows, _Rows]
+) -> tuple[PhaseLayout, list[Any], list[Any]]:
+    """Add the variables and rows of a phase; return its layout, and its link symbols with their meaning."""
+    variables, rows = program
+    declared = {"state": phase.states, "algebraic": phase.algebraics, "control": phase.controls}
+    places: dict[str, list[list[int]]] = {kind: [] for kind in declared}
+
+    def add(kind: str, point: int, fraction: float) -> Any:
+        """Add the variables of one kind at one point; return their values."""
+        new = [variables.variable(v, Label(kind, v.name, v.scale, phase.name, point, fraction)) for v in declared[kind]]
+        places[kind].append([index for index, _ in new])
+        return _column([value for _, value in new])
+
+    duration_label = Label("duration", "duration", phase.duration_variable.scale, phase.name)
+    duration_index, duration = variables.variable(phase.duration_variable, duration_label)
+    states, quantities = [add("state", 0, 0.0)], []
+    for interval, width in enumerate(mesh.interval_fractions):
+        results = []
+        for k in range(interval * mesh.degree, (interval + 1) * mesh.degree):
+            fraction = float(mesh.points[k])
+            groups = [add(kind, k + 1, fraction) for kind in declared]
+            results.append(function(*groups, fraction * duration, duration, *shared))
+            states.append(groups[0])
+            quantities.append(ca.vertcat(*groups, results[-1][3]))
+        slopes = ca.horzcat(*states[-mesh.degree - 1 :]) @ differentiation_matrix(mesh.degree).T
+        for j, result in enumerate(results):
+            defect = slopes[:, j] - width * duration * result[0]
+            place = interval * mesh.degree + j, mesh
+            _add_point_rows(rows, phase, place, (defect, result), (quantities, duration))
+    layout = PhaseLayout(duration_index, *(np.array(p, dtype=np.intp).T for p in places.values()))
+    table = ca.horzcat(*quantities)
+    integrals = duration * (table @ mesh.weights)
+    symbols, values = [phase.duration], [duration]
+    for used, column in (
+        (phase.start.used, states[0]),
+        (phase.first.used, quantities[0]),
+        (phase.end.used, quantities[-1]),
+        (phase.integral.used, integrals),
+        (phase.mean.used, integrals / duration),
+    ):
+        for name, symbol in used.items():
+            symbols.append(symbol)
+            values.append(column[phase.quantities.index(name)])  # states come first, so this serves `start` too
+    return layout, symbols, values
+
+
+def _add_point_rows(
+    rows: _Rows,
+    phase: Phase,
+    place: tuple[int, PhaseMesh],
+    point: tuple[Any, Any],
+    so_far: tuple[list[Any], Any],
+) -> None:
+    """Add defects, residuals, path constraints and rate limits of one collocation point (index from 0)."""
+    (index, mesh), (defect, (_, residuals, constraints, _)), (quantities, duration) = place, point, so_far
+
+    def label(kind: str, name: str, scale: float) -> Label:
+        return Label(kind, name, scale, phase.name, index + 1, float(mesh.points[index]))
+
+    for i, state in enumerate(phase.states):
+        rows.row(defect[i], 0.0, 0.0, label("defect", state.name, state.scale))
+    for i, residual in enumerate(phase.expressions.residuals):
+        rows.row(residuals[i], 0.0, 0.0, label("residual", residual.name, residual.scale))
+    for i, path in enumerate(phase.expressions.constraints):
+        rows.row(constraints[i], path.lower, path.upper, label("path", path.name, path.scale))
+    if index == 0:
+        return
+    step = float(mesh.points[index] - mesh.points[index - 1]) * duration
+    for limit in phase.rate_limits:
+        row = phase.quantities.index(limit.quantity)
+        rate = (quantities[index][row] - quantities[index - 1][row]) / step
+        rows.row(rate, limit.lower, limit.upper, label("rate", limit.name, limit.scale))
+
+
+def _column(expressions: Sequence[Expression]) -> Any:
+    """Column vector of scalars, of shape (0, 1) when there are none."""
+    return ca.vertcat(*[ca.SX(e) for e in expressions]) if expressions else ca.SX(0, 1)
+
+
+def _require_known(owner: str, expressions: Sequence[Any], known: Sequence[Any]) -> None:
+    """Reject expressions of symbols that have no value where they are used."""
+    allowed = {symbol.__hash__() for group in known for symbol in ca.symvar(group)}
+    strange = [s.name() for s in ca.symvar(ca.veccat(*expressions)) if s.__hash__() not in allowed]
+    if strange:
+        raise ValueError(f"{owner} uses {', '.join(strange)}, which has no value there")
