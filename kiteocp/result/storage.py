@@ -65,7 +65,7 @@ def write_atomically(contents: Mapping[Path, bytes]) -> None:
             del temporary[target]
     except OSError as error:
         reason = error.strerror or str(error)
-        raise InputError(f"{target}: cannot be written ({reason}); choose another directory with -o DIR") from error
+        raise InputError(f"{target}: cannot be written ({reason}); choose a place that can be written to") from error
     finally:
         for name in temporary.values():
             with contextlib.suppress(OSError):

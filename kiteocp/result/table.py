@@ -35,7 +35,7 @@ def format_result(result: Result) -> str:
         lines[1] += f" - {message}"
     if result.phases or (result.prescribed is not None and result.prescribed.phases):
         lines += ["", *_format_cycles(result), "", *_format_facts(result)]
-    lines += _format_active_limits(result.details.get("active_limits") or {})
+    lines += format_active_limits(result.details.get("active_limits") or {})
     if solver := result.details.get("solver"):
         lines.append(f"solver: {_format_solver(solver)}")
     lines += [f"warning: {text}" for text in result.warnings]
@@ -96,7 +96,14 @@ def _range(start: float | None, end: float | None) -> str:
 
 def _format_facts(result: Result) -> list[str]:
     """Return what describes the cycle as a whole, and the gain over the prescribed one."""
-    lines = []
+    lines = describe_cycle(result)
+    if result.prescribed is not None:
+        lines.append(_format_gain(result.cycle.get("mean_power_W"), result.prescribed))
+    return lines
+
+
+def describe_cycle(result: Result) -> list[str]:
+    """Return the harvesting factor and the traction altitude with its wind in one line, or no line."""
     cycle = result.cycle
     facts = []
     if (factor := cycle.get("mean_harvesting_factor")) is not None:
@@ -105,11 +112,7 @@ def _format_facts(result: Result) -> list[str]:
         facts.append(f"mean traction altitude {altitude:.0f} m")
     if (wind_speed := cycle.get("wind_speed_at_mean_traction_altitude_m_s")) is not None:
         facts.append(f"wind speed there {wind_speed:.1f} m/s")
-    if facts:
-        lines.append(", ".join(facts))
-    if result.prescribed is not None:
-        lines.append(_format_gain(cycle.get("mean_power_W"), result.prescribed))
-    return lines
+    return [", ".join(facts)] if facts else []
 
 
 def _format_gain(power: float | None, prescribed: Result) -> str:
@@ -124,7 +127,8 @@ def _format_gain(power: float | None, prescribed: Result) -> str:
     )
 
 
-def _format_active_limits(active: Mapping[str, list[dict[str, Any]]]) -> list[str]:
+def format_active_limits(active: Mapping[str, list[dict[str, Any]]]) -> list[str]:
+    """Return a heading and a line for each active limit, or no lines."""
     rows = [(phase, limit) for phase, limits in active.items() for limit in limits]
     if not rows:
         return []

@@ -1,0 +1,36 @@
+"""Write a commented problem file to start from."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from kiteocp.cli.output import say
+from kiteocp.errors import InputError
+
+NAME = "new"
+HELP = "write a commented problem file to start from"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the name of the problem and where to write it."""
+    parser.add_argument("name", metavar="NAME", help="name of the new problem")
+    parser.add_argument("-o", "--output", metavar="FILE", help="where to write (default NAME.yaml)")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the file, unless there is one already."""
+    from kiteocp.problem import problem_template  # noqa: PLC0415  (keeps --help fast)
+    from kiteocp.result import write_atomically  # noqa: PLC0415
+
+    name = arguments.name.removesuffix(".yaml")
+    if not name or "/" in name or "\\" in name:
+        raise InputError(f"'{arguments.name}' is not a name; give a plain one, and the path with -o FILE")
+    path = Path(arguments.output) if arguments.output is not None else Path(f"{name}.yaml")
+    if path.is_dir():
+        path /= f"{name}.yaml"
+    if path.exists() or path.is_symlink():
+        raise InputError(f"{path}: is there already and is not overwritten; choose another file with -o FILE")
+    write_atomically({path: problem_template(name).encode()})
+    say(f"written: {path}")
+    return 0

@@ -1,0 +1,32 @@
+"""Draw the picture of a saved result again."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from kiteocp.cli.output import say
+from kiteocp.cli.parser import add_picture_format
+
+NAME = "plot"
+HELP = "draw a saved result again"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the directory of the result and the format of the picture."""
+    parser.add_argument("directory", metavar="DIR", help="directory that simulate or solve wrote")
+    parser.add_argument("-o", "--output", metavar="DIR", help="where to write the picture (default DIR)")
+    add_picture_format(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Load the result, draw it, print what was written."""
+    from kiteocp.result import load_result  # noqa: PLC0415  (keeps --help fast)
+
+    result = load_result(arguments.directory)
+    from kiteocp.plots import plot_result  # noqa: PLC0415  (matplotlib only once there is something to draw)
+
+    output = Path(arguments.output if arguments.output is not None else arguments.directory)
+    written = plot_result(result, output / "cycle", arguments.formats or ("png",))
+    say("written: " + ", ".join(str(path) for path in written))
+    return 0

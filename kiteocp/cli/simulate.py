@@ -1,0 +1,36 @@
+"""Simulate the pumping cycle that a problem file prescribes."""
+
+from __future__ import annotations
+
+import argparse
+
+from kiteocp.cli.calculation import calculate
+from kiteocp.cli.parser import add_calculation, positive_number
+
+NAME = "simulate"
+HELP = "simulate the prescribed cycle"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the problem and how to integrate it."""
+    add_calculation(parser)
+    parser.add_argument(
+        "--no-gravity", dest="gravity", action="store_false", help="leave out the weight of kite and tether"
+    )
+    parser.add_argument(
+        "--time-step",
+        type=positive_number,
+        metavar="DT",
+        help="use the finite differences of the paper with this dimensionless time step, as 0.01",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Simulate, save, print and draw."""
+    from kiteocp.cycle import simulate  # noqa: PLC0415  (CasADi only where it is needed)
+
+    return calculate(
+        arguments,
+        NAME,
+        lambda problem: simulate(problem, gravity=arguments.gravity, time_step=arguments.time_step),
+    )

@@ -1,0 +1,238 @@
+"""The picture of a pumping cycle: flight path, time series and the phases in numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+
+from kiteocp.errors import InputError
+from kiteocp.plots.panels import draw_ground_force, draw_panel, draw_zero, label_level, shade_phases
+from kiteocp.plots.side_view import draw_side_view
+from kiteocp.plots.style import (
+    BLUE,
+    GREY,
+    INK,
+    LABEL_SIZE,
+    LINE_WIDTH,
+    PRESCRIBED_STYLE,
+    SMALL_SIZE,
+    TITLE_SIZE,
+    make_figure,
+    phase_colour,
+    save_figure,
+    style_axes,
+)
+from kiteocp.result import Result
+from kiteocp.result.table import describe_cycle, format_active_limits
+
+DEFAULT_PATH = Path("cycle")
+_WIDTH_IN, _HEIGHT_IN = 12.5, 8.0
+
+
+def plot_result(result: Result, path: Path | None = None, formats: Sequence[str] = ("png",)) -> list[Path]:
+    """Draw a result the way its verb asks for: `plot_optimum` for ``solve``, `plot_cycle` otherwise."""
+    draw = plot_optimum if result.verb == "solve" else plot_cycle
+    return draw(result, path, formats)
+
+
+def plot_cycle(result: Result, path: Path | None = None, formats: Sequence[str] = ("png",)) -> list[Path]:
+    """Draw a simulated cycle: side view, time series with the set values, phases in numbers.
+
+    Parameters
+    ----------
+    result : Result
+        With time series.
+    path : pathlib.Path, optional
+        The file without its suffix; ``cycle`` in the working directory where left out.
+    formats : sequence of str
+        Of ``png``, ``svg``, ``pdf``.
+
+    Returns
+    -------
+    list of pathlib.Path
+        The files written.
+
+    Raises
+    ------
+    InputError
+        If the result has no time series, a format is unknown or a file cannot be written.
+    """
+    operation = result.problem.operation
+    levels: dict[str, list[tuple[float | None, str]]] = {
+        "length": [(operation.tether_length_min_m, "shortest"), (operation.tether_length_max_m, "longest")],
+        "force": [
+            (operation.retraction.tether_force_N, "retraction\nset value"),
+            (operation.traction.tether_force_N, "traction\nset value"),
+        ],
+    }
+    return save_figure(_compose(result, None, levels, "simulated cycle"), path or DEFAULT_PATH, formats)
+
+
+def plot_optimum(result: Result, path: Path | None = None, formats: Sequence[str] = ("png",)) -> list[Path]:
+    """Draw an optimal cycle beside the prescribed one, with the limits it respects.
+
+    Parameters and errors are those of `plot_cycle`.
+    """
+    limits = result.problem.limits
+    motor = limits.motor_power_max_W
+    levels: dict[str, list[tuple[float | None, str]]] = {
+        "length": [(limits.tether_length_min_m, "minimum"), (limits.tether_length_max_m, "maximum")],
+        "speed": [
+            (-limits.reel_in_speed_max_m_s, "reel-in\nlimit"),
+            (limits.reel_out_speed_max_m_s, "reel-out\nlimit"),
+        ],
+        "force": [(limits.tether_force_min_N, "minimum"), (limits.tether_force_max_N, "maximum")],
+        "power": [
+            (limits.generator_power_max_W, "generator\nlimit"),
+            (None if motor is None else -motor, "motor\nlimit"),
+        ],
+        "elevation": [(limits.elevation_max_deg, "maximum"), (limits.traction_elevation_min_deg, "minimum")],
+    }
+    prescribed = result.prescribed if result.prescribed and result.prescribed.channels else None
+    return save_figure(_compose(result, prescribed, levels, "optimal cycle"), path or DEFAULT_PATH, formats)
+
+
+def _compose(
+    result: Result,
+    prescribed: Result | None,
+    levels: dict[str, list[tuple[float | None, str]]],
+    kind: str,
+) -> Figure:
+    """Return the whole figure: side view and table on the left, panels on the right."""
+    if not result.channels:
+        raise InputError(f"the {result.verb} result of {result.problem.name} holds no time series to draw")
+    figure = make_figure(_WIDTH_IN, _HEIGHT_IN)
+    side = figure.add_axes((0.055, 0.36, 0.385, 0.51))
+    style_axes(side)
+    (length_min, _), (length_max, _) = levels["length"]
+    draw_side_view(side, result, prescribed, float(length_min or 0.0), float(length_max or 0.0))
+
+    panels = [figure.add_axes((0.525, 0.075 + 0.164 * row, 0.395, 0.138)) for row in range(4, -1, -1)]
+    for axes in panels:
+        style_axes(axes)
+    _draw_panels(panels, result, prescribed, levels)
+    _write_title(figure, result, prescribed, kind)
+    _write_table(figure, side, result, prescribed)
+    return figure
+
+
+def _draw_panels(
+    panels: Sequence[Any],
+    result: Result,
+    prescribed: Result | None,
+    levels: dict[str, list[tuple[float | None, str]]],
+) -> None:
+    length, speed, force, power, elevation = panels
+    draw_panel(length, result, prescribed, "tether_length_m", "tether length\n(m)", levels.get("length", ()))
+    draw_panel(speed, result, prescribed, "reeling_speed_m_s", "reeling speed\n(m/s)", levels.get("speed", ()))
+    draw_panel(
+        force,
+        result,
+        prescribed,
+        "tether_force_kite_N",
+        "tether force\n(kN)",
+        levels.get("force", ()),
+        factor=1e-3,
+    )
+    draw_ground_force(force, result)
+    draw_panel(power, result, prescribed, "power_W", "power\n(kW)", levels.get("power", ()), factor=1e-3)
+    mean_power = result.cycle.get("mean_power_W")
+    if mean_power is not None:
+        power.axhline(1e-3 * mean_power, color=BLUE, linewidth=1.1, zorder=2.5)
+        label_level(power, 1e-3 * mean_power, f"mean\n{1e-3 * mean_power:.2f} kW", BLUE)
+    draw_panel(elevation, result, prescribed, "elevation_deg", "elevation\n(deg)", levels.get("elevation", ()))
+    for axes in (speed, power):
+        draw_zero(axes)
+    cycles = [result, *([prescribed] if prescribed is not None else [])]
+    start = min(float(cycle["time_s"][0]) for cycle in cycles)
+    end = max(float(cycle["time_s"][-1]) for cycle in cycles)
+    for axes in panels:
+        axes.set_xlim(start, end)
+        axes.yaxis.set_label_coords(-0.105, 0.5)
+    for axes in panels[:-1]:
+        axes.tick_params(labelbottom=False)
+    elevation.set_xlabel("time (s)", fontsize=LABEL_SIZE)
+    shade_phases(panels, result)
+    force.legend(
+        handles=[Line2D([], [], color=INK, lw=LINE_WIDTH), Line2D([], [], color=BLUE, lw=1.1)],
+        labels=["at the kite", "at the ground"],
+        loc="lower right",
+        bbox_to_anchor=(1.0, 0.96),
+        ncols=2,
+        frameon=False,
+        fontsize=SMALL_SIZE,
+        borderaxespad=0.0,
+    )
+
+
+def _write_title(figure: Figure, result: Result, prescribed: Result | None, kind: str) -> None:
+    figure.text(0.012, 0.972, f"{result.problem.name}: {kind}", fontsize=TITLE_SIZE, fontweight="bold", va="top")
+    parts = [result.problem.description] if result.problem.description else []
+    power = result.cycle.get("mean_power_W")
+    if power is not None:
+        text = f"mean power {1e-3 * power:.2f} kW"
+        reference = prescribed.cycle.get("mean_power_W") if prescribed is not None else None
+        if reference is not None:
+            text += f" (prescribed {1e-3 * reference:.2f} kW"
+            text += f", {100.0 * (power / reference - 1.0):+.1f} %)" if reference > 0.0 else ")"
+        parts.append(text)
+    if not result.succeeded:
+        parts.append(f"status: {result.status}")
+    figure.text(0.012, 0.938, "   |   ".join(parts), fontsize=LABEL_SIZE, color=INK, va="top")
+    if prescribed is not None:
+        figure.legend(
+            handles=[
+                Line2D([], [], color=INK, linewidth=LINE_WIDTH + 0.4),
+                Line2D([], [], **PRESCRIBED_STYLE),
+            ],
+            labels=["optimal", "prescribed"],
+            loc="upper left",
+            bbox_to_anchor=(0.055, 0.905),
+            ncols=2,
+            frameon=False,
+            fontsize=LABEL_SIZE,
+            borderaxespad=0.0,
+        )
+
+
+def _write_table(figure: Figure, side: Any, result: Result, prescribed: Result | None) -> None:
+    """Write the phases in numbers below the side view, the prescribed ones in grey, and what is said of the cycle."""
+    columns = [("duration (s)", "duration_s", 1.0, 1), ("mean power (kW)", "mean_power_W", 1e-3, 2)]
+    columns += [("energy (kJ)", "energy_J", 1e-3, 0)]
+    # Equal scales shrink the side view to the shape of the cycle: follow its lower edge.
+    side.apply_aspect()
+    left, width, top, step = 0.055, 0.095, side.get_position().y0 - 0.085, 0.026
+    for index, (title, *_) in enumerate(columns):
+        figure.text(left + 0.10 + width * (index + 1), top, title, fontsize=SMALL_SIZE, color=GREY, ha="right")
+    if prescribed is not None:
+        figure.text(left, top, "grey: prescribed", fontsize=SMALL_SIZE, color=GREY)
+    rows: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
+        (name, dict(values), dict(prescribed.phases.get(name, {})) if prescribed else {})
+        for name, values in result.phases.items()
+    ]
+    rows.append(("cycle", dict(result.cycle), dict(prescribed.cycle) if prescribed else {}))
+    for index, (name, values, reference) in enumerate(rows):
+        y = top - step * (index + 1)
+        colour = INK if name == "cycle" else phase_colour(name)
+        figure.text(left, y, name, fontsize=LABEL_SIZE, fontweight="bold", color=colour)
+        for column, (_, key, factor, decimals) in enumerate(columns):
+            x = left + 0.10 + width * (column + 1)
+            if (value := values.get(key)) is not None:
+                figure.text(x, y, f"{factor * value:.{decimals}f}", fontsize=LABEL_SIZE, ha="right")
+            if (value := reference.get(key)) is not None:
+                text = f"{factor * value:.{decimals}f}"
+                figure.text(x - 0.042, y, text, fontsize=SMALL_SIZE, color=GREY, ha="right")
+    notes = describe_cycle(result) + format_active_limits(result.details.get("active_limits") or {})
+    figure.text(
+        left,
+        top - step * (len(rows) + 1),
+        "\n".join(notes),
+        fontsize=SMALL_SIZE,
+        color=INK,
+        va="top",
+        linespacing=1.4,
+    )

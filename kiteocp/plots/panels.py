@@ -1,0 +1,128 @@
+"""Stacked panels over time: tether length, reeling speed, force, power and elevation, phases shaded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from kiteocp.plots.side_view import segments
+from kiteocp.plots.style import (
+    BLUE,
+    INK,
+    LABEL_SIZE,
+    LIMIT_STYLE,
+    LINE_WIDTH,
+    PHASE_ALPHA,
+    PRESCRIBED_STYLE,
+    SMALL_SIZE,
+    phase_colour,
+)
+from kiteocp.result import Result
+
+#: A limit further from the data than this share of the data's range is left out of the view.
+_LIMIT_REACH = 0.35
+
+
+def draw_panel(
+    axes: Any,
+    result: Result,
+    prescribed: Result | None,
+    channel: str,
+    label: str,
+    limits: Sequence[tuple[float | None, str]] = (),
+    factor: float = 1.0,
+) -> None:
+    """Draw one channel over time with its limits.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+        Where to draw.
+    result, prescribed : Result
+        Drawn as a solid line; the second, where there is one, thin and dashed.
+    channel, label : str
+        Name of the channel, and of the axis with its unit.
+    limits : sequence of (float or None, str)
+        Values in the unit of the channel, drawn dashed, and what to call each; None is no limit.
+    factor : float
+        From the unit of the channel to that of the label.
+    """
+    if prescribed is not None:
+        _draw_line(axes, prescribed, channel, factor, **PRESCRIBED_STYLE)
+    _draw_line(axes, result, channel, factor, color=INK, linewidth=LINE_WIDTH, zorder=3)
+    shown = [cycle[channel] for cycle in (result, prescribed) if cycle is not None]
+    values = np.concatenate([part[np.isfinite(part)] for part in shown]) * factor
+    low, high = (float(np.min(values)), float(np.max(values))) if values.size else (0.0, 1.0)
+    span = max(high - low, 0.05 * max(abs(low), abs(high)), 1e-9)
+    reach = _LIMIT_REACH * span
+    for value, name in limits:
+        if value is None or not low - reach <= value * factor <= high + reach:
+            continue
+        axes.axhline(value * factor, **LIMIT_STYLE)
+        label_level(axes, value * factor, name)
+        low, high = min(low, value * factor), max(high, value * factor)
+    margin = 0.08 * max(high - low, span)
+    axes.set_ylim(low - margin, high + margin)
+    axes.set_ylabel(label, fontsize=LABEL_SIZE)
+
+
+def label_level(axes: Any, value: float, text: str, colour: str = INK) -> None:
+    """Name a level in the right margin of a panel."""
+    axes.annotate(
+        text,
+        (1.0, value),
+        xycoords=axes.get_yaxis_transform(),
+        xytext=(4, 0),
+        textcoords="offset points",
+        fontsize=SMALL_SIZE,
+        color=colour,
+        va="center",
+        annotation_clip=False,
+    )
+
+
+def draw_ground_force(axes: Any, result: Result) -> None:
+    """Add the force at the ground, which differs from that at the kite by the weight of tether and kite."""
+    _draw_line(axes, result, "tether_force_ground_N", 1e-3, color=BLUE, linewidth=1.1, zorder=3.5)
+
+
+def draw_zero(axes: Any) -> None:
+    """Mark zero where the panel shows both signs."""
+    low, high = axes.get_ylim()
+    if low < 0.0 < high:
+        axes.axhline(0.0, color=INK, linewidth=0.7, zorder=1.4)
+
+
+def shade_phases(all_axes: Sequence[Any], result: Result) -> None:
+    """Shade the phases in every panel and name them above the first; a short one is named a line higher."""
+    time = result["time_s"]
+    duration = max(float(time[-1] - time[0]), 1e-9)
+    for phase, run in segments(result):
+        start, end = float(time[run][0]), float(time[run][-1])
+        for axes in all_axes:
+            axes.axvspan(start, end, color=phase_colour(phase), alpha=PHASE_ALPHA, linewidth=0, zorder=0)
+        # About 0.012 of the panel's width a letter.
+        short = (end - start) / duration < 0.012 * len(phase) + 0.02
+        all_axes[0].annotate(
+            phase,
+            (0.5 * (start + end), 1.0),
+            xycoords=all_axes[0].get_xaxis_transform(),
+            xytext=(0, 15 if short else 3),
+            textcoords="offset points",
+            ha="center",
+            va="bottom",
+            fontsize=LABEL_SIZE,
+            fontweight="bold",
+            color=phase_colour(phase),
+            annotation_clip=False,
+        )
+
+
+def _draw_line(axes: Any, result: Result, channel: str, factor: float, **style: Any) -> None:
+    """Draw a channel phase by phase: what jumps at a phase change is not joined by a slope that was never flown."""
+    time, values = result["time_s"], result[channel] * factor
+    plot: Callable[..., Any] = axes.plot
+    for _, run in segments(result):
+        plot(time[run], values[run], **style)

@@ -1,0 +1,96 @@
+"""How every picture looks, and how it gets to disk.
+
+Colours are those of Okabe and Ito (Color Universal Design, 2008), told apart by readers with any colour vision.
+Figures are made through the object interface of matplotlib: no pyplot, no global state, no window.
+"""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from kiteocp.errors import InputError
+from kiteocp.result import write_atomically
+
+FORMATS: tuple[str, ...] = ("png", "svg", "pdf")
+
+INK = "#222222"
+GREY = "#767676"
+BLUE = "#0072B2"
+GRID = "#dddddd"
+PHASE_COLOURS: dict[str, str] = {"retraction": "#D55E00", "transition": "#CC79A7", "traction": "#009E73"}
+PHASE_ALPHA = 0.11
+
+TITLE_SIZE = 12.0
+LABEL_SIZE = 9.0
+SMALL_SIZE = 8.0
+LINE_WIDTH = 1.6
+
+#: The prescribed cycle beside an optimum: there to compare with, not to look at first.
+PRESCRIBED_STYLE: dict[str, Any] = {"color": GREY, "linewidth": 1.1, "linestyle": (0, (5, 2)), "zorder": 2}
+LIMIT_STYLE: dict[str, Any] = {"color": INK, "linewidth": 0.8, "linestyle": (0, (2, 2)), "zorder": 1.5}
+
+_DPI = 130
+
+
+def make_figure(width_in: float, height_in: float) -> Figure:
+    """Return an empty white figure that draws without a display."""
+    figure = Figure(figsize=(width_in, height_in), facecolor="white")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def style_axes(axes: Any) -> None:
+    """Give axes the common look: light grid behind the lines, no box, small ticks."""
+    axes.grid(True, color=GRID, linewidth=0.6)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_color(GREY)
+    axes.tick_params(labelsize=SMALL_SIZE, color=GREY, labelcolor=INK, length=3)
+
+
+def phase_colour(phase: str) -> str:
+    """Return the colour of a phase; one the palette does not know is blue."""
+    return PHASE_COLOURS.get(phase, BLUE)
+
+
+def save_figure(figure: Figure, path: Path, formats: Sequence[str]) -> list[Path]:
+    """Write a figure in one or more formats, each whole or not at all.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        What to write.
+    path : pathlib.Path
+        The file without its suffix.
+    formats : sequence of str
+        Of ``png``, ``svg``, ``pdf``; each becomes the suffix of one file.
+
+    Returns
+    -------
+    list of pathlib.Path
+        The files written, in the order of `formats`.
+
+    Raises
+    ------
+    InputError
+        If a format is unknown or a file cannot be written.
+    """
+    contents: dict[Path, bytes] = {}
+    for suffix in formats:
+        if suffix not in FORMATS:
+            raise InputError(f"picture format '{suffix}' is not known; choose from {', '.join(FORMATS)}")
+        stream = io.BytesIO()
+        # No date, so that the same result gives the same file.
+        metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(suffix)
+        figure.savefig(stream, format=suffix, dpi=_DPI, metadata=metadata)
+        contents[path.with_name(f"{path.name}.{suffix}")] = stream.getvalue()
+    write_atomically(contents)
+    return list(contents)
