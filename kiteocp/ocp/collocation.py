@@ -100,7 +100,7 @@ def interpolation_matrix(nodes: FloatArray, targets: ArrayLike) -> FloatArray:
     """
     weights = _barycentric_weights(nodes)
     difference = np.atleast_1d(np.asarray(targets, dtype=float))[:, None] - nodes[None, :]
-    hit = difference == 0.0
+    hit = np.abs(difference) < 1e-200  # nearer than this the quotients overflow, and the value is the node's
     ratio = weights / np.where(hit, 1.0, difference)
     matrix = ratio / np.sum(ratio, axis=1, keepdims=True)
     rows = hit.any(axis=1)

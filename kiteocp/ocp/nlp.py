@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kiteocp.ocp.collocation import FloatArray, PhaseMesh
-from kiteocp.ocp.declaration import OptimalControlProblem, Variable
+from kiteocp.ocp.declaration import OptimalControlProblem
 from kiteocp.ocp.trajectory import (
     Guess,
     PhaseGuess,
@@ -191,11 +191,6 @@ class NonlinearProgram:
                     f"upper bound {upper[i] * label.scale:g}"
                 )
         return lbx, ubx, lbg, ubg
-
-
-def scaled_bounds(variable: Variable) -> tuple[Any, Any]:
-    """Bounds of a variable as the solver sees them."""
-    return ca.SX(variable.lower) / variable.scale, ca.SX(variable.upper) / variable.scale
 
 
 def _find(labels: tuple[Label, ...], phase: str | None, kind: str | None, name: str | None) -> IndexArray:

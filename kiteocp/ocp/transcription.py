@@ -51,36 +51,61 @@ import casadi as ca
 import numpy as np
 
 from kiteocp.ocp.collocation import PhaseMesh, differentiation_matrix
-from kiteocp.ocp.declaration import Expression, OptimalControlProblem, Phase, Variable
-from kiteocp.ocp.nlp import Label, NonlinearProgram, PhaseLayout, scaled_bounds
+from kiteocp.ocp.declaration import (
+    Expression,
+    Link,
+    OptimalControlProblem,
+    PathConstraint,
+    Phase,
+    RateLimit,
+    Residual,
+    Variable,
+)
+from kiteocp.ocp.nlp import Label, NonlinearProgram, PhaseLayout
 
 
 @dataclass
-class _Rows:
-    """Variables or constraint rows under construction: expressions, bounds and labels grow together."""
+class _Entries:
+    """Variables or constraint rows under construction: columns of expressions, bounds and labels grow together."""
 
-    expressions: list[Any] = field(default_factory=list)
-    lower: list[Any] = field(default_factory=list)
-    upper: list[Any] = field(default_factory=list)
+    columns: list[Any] = field(default_factory=list)
+    bounds: list[tuple[Expression, Expression]] = field(default_factory=list)
     labels: list[Label] = field(default_factory=list)
 
-    def variable(self, variable: Variable, label: Label) -> tuple[int, Any]:
-        """Add a variable; return its index and its value in physical units."""
-        symbol = ca.SX.sym(str(label))
-        lower, upper = scaled_bounds(variable)
-        self._append(symbol, lower, upper, label)
-        return len(self.labels) - 1, symbol * variable.scale
+    def new_variables(self, declared: Sequence[Variable], labels: Sequence[Label]) -> tuple[list[int], Any]:
+        """Add variables; return their indices and their values in physical units, a column."""
+        first = len(self.labels)
+        symbols = ca.SX.sym(str(labels[0]) if labels else "", len(declared))
+        self.append(symbols, declared, labels)
+        return list(range(first, len(self.labels))), symbols * ca.DM([v.scale for v in declared])
 
-    def row(self, expression: Any, lower: Any, upper: Any, label: Label) -> None:
-        """Add a row in physical units."""
-        scale = label.scale
-        self._append(expression / scale, ca.SX(lower) / scale, ca.SX(upper) / scale, label)
+    def append(
+        self, column: Any, bounded: Sequence[Variable | PathConstraint | RateLimit | Link], labels: Sequence[Label]
+    ) -> None:
+        """Add a column of expressions with the bounds of their declarations."""
+        self.columns.append(column)
+        self.bounds += [(declared.lower, declared.upper) for declared in bounded]
+        self.labels += labels
 
-    def _append(self, expression: Any, lower: Any, upper: Any, label: Label) -> None:
-        self.expressions.append(expression)
-        self.lower.append(lower)
-        self.upper.append(upper)
-        self.labels.append(label)
+    def append_equations(self, column: Any, labels: Sequence[Label]) -> None:
+        """Add a column of expressions that must vanish."""
+        self.columns.append(column)
+        self.bounds += [(0.0, 0.0)] * len(labels)
+        self.labels += labels
+
+    @property
+    def scales(self) -> Any:
+        """Scale of every entry."""
+        return ca.DM([label.scale for label in self.labels])
+
+    def bound(self, side: int) -> Any:
+        """Lower (0) or upper (1) bounds over their scales."""
+        values = [bound[side] for bound in self.bounds]
+        numbers = ca.SX(ca.DM([v if isinstance(v, (int, float)) else 0.0 for v in values]))
+        for index, value in enumerate(values):
+            if not isinstance(value, (int, float)):
+                numbers[index] = value
+        return numbers / self.scales
 
 
 def point_function(phase: Phase, statics: Any, parameters: Any) -> Any:
@@ -137,9 +162,11 @@ def transcribe(problem: OptimalControlProblem, mesh: Mapping[str, PhaseMesh]) ->
     """
     if set(mesh) != {phase.name for phase in problem.phases}:
         raise ValueError(f"meshes are given for {sorted(mesh)}, phases are {sorted(p.name for p in problem.phases)}")
-    variables, rows = _Rows(), _Rows()
-    statics = _column([variables.variable(s, Label("static", s.name, s.scale))[1] for s in problem.statics])
-    static_symbols = _column([s.symbol for s in problem.statics])
+    variables, rows = _Entries(), _Entries()
+    _, statics = variables.new_variables(
+        problem.statics, [Label("static", static.name, static.scale) for static in problem.statics]
+    )
+    static_symbols = _column([static.symbol for static in problem.statics])
     parameters = ca.SX(problem.parameters)
     layouts, functions = {}, {}
     symbols, values = [static_symbols, parameters], [statics, parameters]
@@ -154,15 +181,14 @@ def transcribe(problem: OptimalControlProblem, mesh: Mapping[str, PhaseMesh]) ->
     wanted = [ca.SX(problem.objective), *(ca.SX(link.expression) for link in problem.links)]
     _require_known("the objective or a link", wanted, symbols)
     objective, *linked = ca.Function("links", symbols, wanted)(*values)
-    for link, expression in zip(problem.links, linked, strict=True):
-        rows.row(expression, link.lower, link.upper, Label("link", link.name, link.scale))
-    bounds = [_column(b) for b in (variables.lower, variables.upper, rows.lower, rows.upper)]
+    rows.append(_column(linked), problem.links, [Label("link", link.name, link.scale) for link in problem.links])
+    bounds = [entries.bound(side) for entries in (variables, rows) for side in (0, 1)]
     _require_known("a bound", bounds, [parameters])
     return NonlinearProgram(
-        x=_column(variables.expressions),
+        x=ca.vertcat(*variables.columns),
         p=parameters,
         f=objective,
-        g=_column(rows.expressions),
+        g=ca.vertcat(*rows.columns) / rows.scales,
         bounds=ca.Function("bounds", [parameters], bounds, ["p"], ["lbx", "ubx", "lbg", "ubg"]),
         variables=tuple(variables.labels),
         rows=tuple(rows.labels),
@@ -174,7 +200,7 @@ def transcribe(problem: OptimalControlProblem, mesh: Mapping[str, PhaseMesh]) ->
 
 
 def _transcribe_phase(
-    phase: Phase, mesh: PhaseMesh, function: Any, shared: tuple[Any, Any], program: tuple[_Rows, _Rows]
+    phase: Phase, mesh: PhaseMesh, function: Any, shared: tuple[Any, Any], program: tuple[_Entries, _Entries]
 ) -> tuple[PhaseLayout, list[Any], list[Any]]:
     """Add the variables and rows of a phase; return its layout, and its link symbols with their meaning."""
     variables, rows = program
@@ -183,12 +209,14 @@ def _transcribe_phase(
 
     def add(kind: str, point: int, fraction: float) -> Any:
         """Add the variables of one kind at one point; return their values."""
-        new = [variables.variable(v, Label(kind, v.name, v.scale, phase.name, point, fraction)) for v in declared[kind]]
-        places[kind].append([index for index, _ in new])
-        return _column([value for _, value in new])
+        labels = [Label(kind, v.name, v.scale, phase.name, point, fraction) for v in declared[kind]]
+        indices, values = variables.new_variables(declared[kind], labels)
+        places[kind].append(indices)
+        return values
 
-    duration_label = Label("duration", "duration", phase.duration_variable.scale, phase.name)
-    duration_index, duration = variables.variable(phase.duration_variable, duration_label)
+    (duration_index,), duration = variables.new_variables(
+        [phase.duration_variable], [Label("duration", "duration", phase.duration_variable.scale, phase.name)]
+    )
     states, quantities = [add("state", 0, 0.0)], []
     for interval, width in enumerate(mesh.interval_fractions):
         results = []
@@ -204,8 +232,7 @@ def _transcribe_phase(
             place = interval * mesh.degree + j, mesh
             _add_point_rows(rows, phase, place, (defect, result), (quantities, duration))
     layout = PhaseLayout(duration_index, *(np.array(p, dtype=np.intp).T for p in places.values()))
-    table = ca.horzcat(*quantities)
-    integrals = duration * (table @ mesh.weights)
+    integrals = duration * (ca.horzcat(*quantities) @ mesh.weights)
     symbols, values = [phase.duration], [duration]
     for used, column in (
         (phase.start.used, states[0]),
@@ -221,36 +248,29 @@ def _transcribe_phase(
 
 
 def _add_point_rows(
-    rows: _Rows,
-    phase: Phase,
-    place: tuple[int, PhaseMesh],
-    point: tuple[Any, Any],
-    so_far: tuple[list[Any], Any],
+    rows: _Entries, phase: Phase, place: tuple[int, PhaseMesh], point: tuple[Any, Any], so_far: tuple[list[Any], Any]
 ) -> None:
     """Add defects, residuals, path constraints and rate limits of one collocation point (index from 0)."""
     (index, mesh), (defect, (_, residuals, constraints, _)), (quantities, duration) = place, point, so_far
 
-    def label(kind: str, name: str, scale: float) -> Label:
-        return Label(kind, name, scale, phase.name, index + 1, float(mesh.points[index]))
+    def label(kind: str, of: Sequence[Variable | Residual | PathConstraint | RateLimit]) -> list[Label]:
+        fraction = float(mesh.points[index])
+        return [Label(kind, declared.name, declared.scale, phase.name, index + 1, fraction) for declared in of]
 
-    for i, state in enumerate(phase.states):
-        rows.row(defect[i], 0.0, 0.0, label("defect", state.name, state.scale))
-    for i, residual in enumerate(phase.expressions.residuals):
-        rows.row(residuals[i], 0.0, 0.0, label("residual", residual.name, residual.scale))
-    for i, path in enumerate(phase.expressions.constraints):
-        rows.row(constraints[i], path.lower, path.upper, label("path", path.name, path.scale))
-    if index == 0:
-        return
-    step = float(mesh.points[index] - mesh.points[index - 1]) * duration
-    for limit in phase.rate_limits:
-        row = phase.quantities.index(limit.quantity)
-        rate = (quantities[index][row] - quantities[index - 1][row]) / step
-        rows.row(rate, limit.lower, limit.upper, label("rate", limit.name, limit.scale))
+    rows.append_equations(defect, label("defect", phase.states))
+    rows.append_equations(residuals, label("residual", phase.expressions.residuals))
+    paths = phase.expressions.constraints
+    rows.append(constraints, paths, label("path", paths))
+    if index > 0 and phase.rate_limits:
+        step = float(mesh.points[index] - mesh.points[index - 1]) * duration
+        chosen = [phase.quantities.index(limit.quantity) for limit in phase.rate_limits]
+        rates = (quantities[index][chosen] - quantities[index - 1][chosen]) / step
+        rows.append(rates, phase.rate_limits, label("rate", phase.rate_limits))
 
 
 def _column(expressions: Sequence[Expression]) -> Any:
     """Column vector of scalars, of shape (0, 1) when there are none."""
-    return ca.vertcat(*[ca.SX(e) for e in expressions]) if expressions else ca.SX(0, 1)
+    return ca.SX(ca.vertcat(*expressions)) if expressions else ca.SX(0, 1)
 
 
 def _require_known(owner: str, expressions: Sequence[Any], known: Sequence[Any]) -> None:
