@@ -1,0 +1,137 @@
+"""The exceptions a user of kiteocp can meet, each carrying the facts it reports.
+
+``str()`` of every one is a single sentence fit for a terminal; ``exit_status`` is what the command line ends with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+
+class KiteocpError(Exception):
+    """Base of all errors that kiteocp raises on purpose.
+
+    Attributes
+    ----------
+    exit_status : int
+        Exit status of the command line: 1, the calculation did not succeed; 2, bad input.
+    """
+
+    exit_status: int = 1
+
+
+class InputError(KiteocpError):
+    """Something the user gave is wrong: a problem file, an override, an option or a path.
+
+    Parameters
+    ----------
+    message : str
+        What is wrong, with the value found and the remedy.
+    file : str, optional
+        File or other origin of the value; put before the message.
+    line : int, optional
+        Line in the file, counted from 1.
+    key : str, optional
+        Key path in the problem file, such as ``kite.mass_kg``.
+    """
+
+    exit_status = 2
+
+    def __init__(
+        self, message: str, *, file: str | None = None, line: int | None = None, key: str | None = None
+    ) -> None:
+        super().__init__(message)
+        self.message = message
+        self.file = file
+        self.line = line
+        self.key = key
+
+    def __str__(self) -> str:
+        """Return ``file:line: message`` with the parts that are known."""
+        if self.file is None:
+            return self.message
+        place = self.file if self.line is None else f"{self.file}:{self.line}"
+        return f"{place}: {self.message}"
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle with the facts, so that the error survives a process pool."""
+        return _restored, (type(self), self.args, dict(self.__dict__))
+
+
+class _CalculationError(KiteocpError):
+    """A calculation that ended without an answer, with its cause in words and its facts in numbers."""
+
+    def __init__(self, cause: str, facts: Mapping[str, float] | None = None) -> None:
+        super().__init__(cause)
+        self.cause = cause
+        self.facts = dict(facts or {})
+
+    def _sentence(self, subject: str) -> str:
+        facts = ", ".join(f"{name} {value:.6g}" for name, value in self.facts.items())
+        return f"{subject}: {self.cause}" + (f" ({facts})" if facts else "")
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle with the facts, so that the error survives a process pool."""
+        return _restored, (type(self), self.args, dict(self.__dict__))
+
+
+class NoEquilibriumError(_CalculationError):
+    """A flight state that has no equilibrium of forces.
+
+    Parameters
+    ----------
+    cause : str
+        Why there is none, in words.
+    facts : mapping of str to float, optional
+        The state and what decides, by name with the unit, such as ``{"elevation_deg": 70.0}``.
+    """
+
+    def __str__(self) -> str:
+        """Return one sentence with the cause and the numbers."""
+        return self._sentence("no equilibrium of forces")
+
+
+class CycleError(_CalculationError):
+    """The forward simulation could not complete a cycle.
+
+    Parameters
+    ----------
+    phase : str
+        Phase in which it ended: retraction, transition or traction.
+    cause : str
+        Why, in words.
+    facts : mapping of str to float, optional
+        Where it ended, by name with the unit.
+    """
+
+    def __init__(self, phase: str, cause: str, facts: Mapping[str, float] | None = None) -> None:
+        super().__init__(cause, facts)
+        self.phase = phase
+
+    def __str__(self) -> str:
+        """Return one sentence with the phase, the cause and the numbers."""
+        return self._sentence(f"the cycle cannot be completed in {self.phase}")
+
+
+class SolveError(_CalculationError):
+    """The optimal control problem could not be solved.
+
+    Parameters
+    ----------
+    cause : str
+        Why, in words.
+    facts : mapping of str to float, optional
+        What was reached, by name with the unit.
+    """
+
+    def __str__(self) -> str:
+        """Return one sentence with the cause and the numbers."""
+        return self._sentence("no optimal cycle found")
+
+
+def _restored(kind: type[KiteocpError], args: tuple[Any, ...], state: dict[str, Any]) -> KiteocpError:
+    error = kind.__new__(kind)
+    error.args = args
+    error.__dict__.update(state)
+    return error

@@ -1,0 +1,221 @@
+"""Checks between keys: what makes a problem contradictory, and what only deserves a warning."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import Any
+
+from kiteocp.problem.checking import Fail
+from kiteocp.problem.reading import show
+
+Block = Mapping[str, Any]
+
+#: Above this altitude a logarithmic wind profile no longer holds (model-notes, validity of the wind model).
+LOGARITHMIC_LAW_HEIGHT_MAX_M = 500.0
+
+
+def check_alternatives(content: Block, fail: Fail) -> None:
+    """Check that each power setting gives exactly one of lift-to-drag ratio and drag coefficient."""
+    for setting in ("powered", "depowered"):
+        path = f"kite.{setting}"
+        given = [name for name in ("lift_to_drag", "drag_coefficient") if name in content["kite"][setting]]
+        if len(given) == 2:
+            values = " and ".join(f"{name} {show(content['kite'][setting][name])}" for name in given)
+            fail(f"{path}.drag_coefficient", f"{path} gives both {values}; remove one, the other follows from it")
+        if not given:
+            fail(path, f"{path} gives neither lift_to_drag nor drag_coefficient; add one of them")
+
+
+class _Comparison:
+    """Order of two keys of a resolved problem, worded with where a default came from."""
+
+    def __init__(self, content: Block, given: Block, fail: Fail) -> None:
+        self.content, self.given, self.fail = content, given, fail
+
+    def value(self, path: str) -> float:
+        block: Any = self.content
+        for part in path.split("."):
+            block = block[part]
+        return float(block)
+
+    def named(self, path: str) -> str:
+        block: Any = self.given
+        for part in path.split("."):
+            block = block.get(part) if isinstance(block, Mapping) else None
+        return f"{path} ({show(self.value(path))}{', its default' if block is None else ''})"
+
+    def ordered(self, low: str, high: str) -> None:
+        """Demand that one key is less than another."""
+        if not self.value(low) < self.value(high):
+            place = low if self._is_given(low) else high
+            self.fail(place, f"{self.named(low)} is not less than {self.named(high)}; change one of them")
+
+    def _is_given(self, path: str) -> bool:
+        return not self.named(path).endswith("default)")
+
+
+def check_consistency(content: Block, given: Block, fail: Fail) -> None:
+    """Check the keys of a resolved problem against each other.
+
+    Parameters
+    ----------
+    content : mapping
+        The resolved problem.
+    given : mapping
+        The keys as they were given, to tell a default from a value of the user.
+    fail : callable
+        Called with key path and message at the first contradiction.
+    """
+    comparison = _Comparison(content, given, fail)
+    for low, high in (
+        ("operation.tether_length_min_m", "operation.tether_length_max_m"),
+        ("operation.retraction.tether_force_N", "operation.traction.tether_force_N"),
+        ("limits.tether_force_min_N", "limits.tether_force_max_N"),
+        ("limits.tether_length_min_m", "limits.tether_length_max_m"),
+        ("limits.height_min_m", "limits.height_max_m"),
+        ("limits.traction_elevation_min_deg", "limits.traction_elevation_max_deg"),
+        ("limits.traction_elevation_min_deg", "limits.elevation_max_deg"),
+    ):
+        comparison.ordered(low, high)
+    _check_reach(content["limits"], fail)
+    _check_wind(content, fail)
+
+
+def _check_reach(limits: Block, fail: Fail) -> None:
+    """Check that tether lengths, elevations and altitudes have something in common."""
+    shortest, longest = limits["tether_length_min_m"], limits["tether_length_max_m"]
+    stroke = limits["stroke_min_m"]
+    if stroke is not None and stroke > longest - shortest:
+        fail(
+            "limits.stroke_min_m",
+            f"limits.stroke_min_m is {show(stroke)} m, but the tether lengths in limits leave only "
+            f"{show(longest - shortest)} m; lower it or widen limits.tether_length_min_m to tether_length_max_m",
+        )
+    steepest = min(limits["traction_elevation_max_deg"], limits["elevation_max_deg"])
+    highest = longest * math.sin(math.radians(steepest))
+    if limits["height_min_m"] >= highest:
+        fail(
+            "limits.height_min_m",
+            f"limits.height_min_m is {show(limits['height_min_m'])} m, but in traction the longest tether "
+            f"({show(longest)} m) at the highest elevation ({show(steepest)} deg) reaches only {highest:.5g} m; lower "
+            "it, or raise limits.tether_length_max_m or the elevation limits",
+        )
+    lowest = shortest * math.sin(math.radians(limits["traction_elevation_min_deg"]))
+    if limits["height_max_m"] <= lowest:
+        fail(
+            "limits.height_max_m",
+            f"limits.height_max_m is {show(limits['height_max_m'])} m, but in traction the shortest tether "
+            f"({show(shortest)} m) at the lowest elevation ({show(limits['traction_elevation_min_deg'])} deg) is "
+            f"already at {lowest:.5g} m; raise it, or lower limits.tether_length_min_m or "
+            "limits.traction_elevation_min_deg",
+        )
+
+
+def _check_wind(content: Block, fail: Fail) -> None:
+    wind = content["environment"]["wind"]
+    path = "environment.wind"
+    if wind["profile"] == "logarithmic" and wind["roughness_length_m"] >= wind["reference_height_m"]:
+        fail(
+            f"{path}.roughness_length_m",
+            f"{path}.roughness_length_m is {show(wind['roughness_length_m'])} m, not less than the reference height "
+            f"({show(wind['reference_height_m'])} m); grass has about 0.03 m",
+        )
+    if wind["profile"] == "table":
+        _check_wind_table(content, wind, fail)
+
+
+def _check_wind_table(content: Block, wind: Block, fail: Fail) -> None:
+    path = "environment.wind"
+    heights, speeds = wind["heights_m"], wind["speeds_m_s"]
+    if len(heights) != len(speeds):
+        fail(
+            f"{path}.speeds_m_s",
+            f"{path} has {len(heights)} heights_m and {len(speeds)} speeds_m_s; give one speed for each height",
+        )
+    for index, (low, high) in enumerate(pairwise(heights), start=1):
+        if not low < high:
+            entry = f"{path}.heights_m[{index}]"
+            fail(entry, f"{entry} is {show(high)} m after {show(low)} m; give the heights strictly increasing")
+    if not any(speeds):
+        fail(f"{path}.speeds_m_s", f"{path}.speeds_m_s are all 0 m/s; a kite needs wind, give the speeds measured")
+    low, high = flight_altitudes(content)
+    if heights[0] > low or heights[-1] < high:
+        fail(
+            f"{path}.heights_m",
+            f"{path}.heights_m covers {show(heights[0])} to {show(heights[-1])} m, but the kite flies between "
+            f"{low:.5g} and {high:.5g} m; extend the table, or narrow limits.height_min_m, limits.height_max_m and the "
+            "tether lengths",
+        )
+
+
+def flight_altitudes(content: Block) -> tuple[float, float]:
+    """Return the lowest and highest altitude in m that the prescribed cycle and the limits allow."""
+    operation, limits = content["operation"], content["limits"]
+    elevation = math.radians(operation["traction"]["elevation_deg"])
+    low = min(operation["tether_length_min_m"] * math.sin(elevation), limits["height_min_m"])
+    longest = max(operation["tether_length_max_m"], limits["tether_length_max_m"])
+    return low, min(limits["height_max_m"], longest)
+
+
+def warnings_of(content: Block) -> list[str]:
+    """Return what of a resolved problem deserves a warning, one sentence each."""
+    return [*_limit_warnings(content), *_validity_warnings(content)]
+
+
+def _limit_warnings(content: Block) -> list[str]:
+    """Report a prescribed cycle outside the limits of the same problem."""
+    operation, limits = content["operation"], content["limits"]
+    traction, retraction = operation["traction"], operation["retraction"]
+    shortest, longest = operation["tether_length_min_m"], operation["tether_length_max_m"]
+    sine = math.sin(math.radians(traction["elevation_deg"]))
+    found = []
+    for what, value, low, high in (
+        ("operation.tether_length_min_m", shortest, "tether_length_min_m", None),
+        ("operation.tether_length_max_m", longest, None, "tether_length_max_m"),
+        ("operation.retraction.tether_force_N", retraction["tether_force_N"], "tether_force_min_N", None),
+        ("operation.traction.tether_force_N", traction["tether_force_N"], None, "tether_force_max_N"),
+        (
+            "operation.traction.elevation_deg",
+            traction["elevation_deg"],
+            "traction_elevation_min_deg",
+            "traction_elevation_max_deg",
+        ),
+        ("the prescribed altitude in m at the start of traction", shortest * sine, "height_min_m", None),
+        ("the prescribed altitude in m at the end of traction", longest * sine, None, "height_max_m"),
+        ("the prescribed stroke in m", longest - shortest, "stroke_min_m", None),
+    ):
+        for word, name, sign in (("below", low, 1.0), ("above", high, -1.0)):
+            limit = None if name is None else limits[name]
+            if limit is not None and sign * (limit - value) > 0:
+                found.append(
+                    f"{what} ({value:.6g}) is {word} limits.{name} ({show(limit)}); the prescribed cycle lies outside "
+                    "the limits of the optimal one"
+                )
+    return found
+
+
+def _validity_warnings(content: Block) -> list[str]:
+    """Report what lies outside the validity of the model."""
+    limits, wind, tether = content["limits"], content["environment"]["wind"], content["tether"]
+    found = []
+    _, highest = flight_altitudes(content)
+    if wind["profile"] == "logarithmic" and highest > LOGARITHMIC_LAW_HEIGHT_MAX_M:
+        found.append(
+            f"the kite may fly up to {show(highest)} m, where the logarithmic wind profile no longer holds (above "
+            f"{show(LOGARITHMIC_LAW_HEIGHT_MAX_M)} m); lower limits.height_max_m or give a wind table"
+        )
+    strength = tether["breaking_force_N"]
+    if strength is not None:
+        traction_force = content["operation"]["traction"]["tether_force_N"]
+        for path, force in (
+            ("limits.tether_force_max_N", limits["tether_force_max_N"]),
+            ("operation.traction.tether_force_N", traction_force),
+        ):
+            if force > strength:
+                found.append(
+                    f"{path} ({show(force)}) is beyond tether.breaking_force_N ({show(strength)}), where the tether "
+                    "breaks"
+                )
+    return found

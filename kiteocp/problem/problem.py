@@ -1,0 +1,212 @@
+"""`Problem`: a complete, checked problem with every default filled in, and the ways to get one."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, NoReturn
+
+import msgspec
+
+from kiteocp.errors import InputError
+from kiteocp.problem.checking import Fail, checked, failing
+from kiteocp.problem.consistency import check_alternatives, check_consistency, warnings_of
+from kiteocp.problem.defaults import resolved
+from kiteocp.problem.layout import ProblemLayout
+from kiteocp.problem.overrides import with_overrides
+from kiteocp.problem.reading import read_document
+from kiteocp.problem.shipped import problem_path
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a problem came from, kept so that values can be set anew and derived defaults follow.
+
+    Attributes
+    ----------
+    label : str
+        File or other origin, for messages.
+    source : bytes
+        What was read.
+    given : mapping
+        The keys given in the source, without defaults.
+    lines : mapping of str to int
+        Line of each key in the source.
+    overrides : mapping of str to object
+        Values set over those of the source.
+    sha256 : str, optional
+        A digest to keep instead of computing it, for a problem restored from a summary.
+    """
+
+    label: str
+    source: bytes
+    given: Mapping[str, Any]
+    lines: Mapping[str, int] = field(default_factory=dict)
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+    sha256: str | None = None
+
+
+class Problem(ProblemLayout, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A pumping kite power system, how it is flown, and what its optimal cycle must respect.
+
+    Get one from `load_problem` or `problem_from_dict`. The blocks (``environment``, ``kite``, ``tether``,
+    ``operation``, ``limits``, ``machine``, ``optimisation``) hold the keys of the problem file under the same names and
+    in the same units, every default filled in. Two problems are equal if all their values are.
+    """
+
+    origin: Origin
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the resolved problem as plain values, which load again into an equal problem.
+
+        A limit that is absent is None; of two alternative keys only the given one is there.
+        """
+        content: dict[str, Any] = {
+            name: msgspec.to_builtins(getattr(self, name)) for name in ProblemLayout.__struct_fields__
+        }
+        return content
+
+    def with_values(self, values: Mapping[str, object]) -> Problem:
+        """Return the same problem with other values, as ``--set`` does.
+
+        Parameters
+        ----------
+        values : mapping of str to object
+            Values by key path, such as ``{"kite.mass_kg": 20.0}``; ``path[index]`` is an entry of a list and None
+            takes a key out, so that its default holds.
+
+        Returns
+        -------
+        Problem
+            A new problem. Defaults that follow from a key that was set follow it.
+
+        Raises
+        ------
+        InputError
+            If a path does not exist or the problem would not be valid.
+
+        Notes
+        -----
+        Setting one of ``lift_to_drag`` and ``drag_coefficient`` removes the other, and setting
+        ``environment.wind.profile`` removes the keys that the new profile does not have.
+        """
+        return _built(self.origin, {**self.origin.overrides, **values})
+
+    def warnings(self) -> list[str]:
+        """Return what deserves a warning, one sentence each.
+
+        That is a prescribed cycle outside the limits, and values outside the validity of the model.
+        """
+        return warnings_of(self.to_dict())
+
+    @property
+    def sha256(self) -> str:
+        """Hexadecimal SHA-256 digest of what the problem was made from: the bytes of the file and the values set."""
+        if self.origin.sha256 is not None and not self.origin.overrides:
+            return self.origin.sha256
+        digest = hashlib.sha256(self.origin.source)
+        if self.origin.overrides:
+            digest.update(json.dumps(self.origin.overrides, sort_keys=True, default=_plain_text).encode())
+        return digest.hexdigest()
+
+    def __eq__(self, other: object) -> bool:
+        """Compare all values, but not where they came from."""
+        return isinstance(other, Problem) and self.to_dict() == other.to_dict()
+
+    def __hash__(self) -> int:
+        """Hash of the values."""
+        return hash(json.dumps(self.to_dict()))
+
+    def __repr__(self) -> str:
+        """Return name and origin."""
+        return f"<Problem {self.name} from {self.origin.label}>"
+
+
+def load_problem(name_or_path: str | os.PathLike[str], overrides: Mapping[str, object] | None = None) -> Problem:
+    """Load a shipped problem by its name, or a problem file by its path.
+
+    Parameters
+    ----------
+    name_or_path : str or path-like
+        A name such as ``"strong-wind"``; a text with a separator or the suffix of a problem file is a path.
+    overrides : mapping of str to object, optional
+        Values to set, as in `Problem.with_values`.
+
+    Returns
+    -------
+    Problem
+        Checked, every default filled in.
+
+    Raises
+    ------
+    InputError
+        In one sentence with file, key, value and remedy.
+    """
+    document = read_document(problem_path(name_or_path))
+    origin = Origin(document.label, document.source, document.content, document.lines)
+    return _built(origin, overrides or {})
+
+
+def problem_from_dict(content: Mapping[str, Any], label: str = "problem", *, sha256: str | None = None) -> Problem:
+    """Make a problem from plain values in the layout of a problem file.
+
+    Parameters
+    ----------
+    content : mapping
+        The keys of a problem file.
+    label : str
+        Origin of the values, for messages.
+    sha256 : str, optional
+        Digest to keep, for a problem restored from a summary.
+
+    Raises
+    ------
+    InputError
+        As `load_problem`.
+    """
+    if not isinstance(content, Mapping):
+        raise InputError("holds no keys with values; give the layout of a problem file", file=label)
+    source = json.dumps(content, sort_keys=True, default=_plain_text).encode()
+    return _built(Origin(label, source, dict(content), sha256=sha256), {})
+
+
+def _built(origin: Origin, overrides: Mapping[str, object]) -> Problem:
+    """Set values over the given keys, check everything, fill in defaults, and build the structures."""
+    values = {path: _plain(value) for path, value in overrides.items()}
+    fail = _failing(origin, values)
+    # Values are set before anything is checked, so that they can mend a file too.
+    given = checked(with_overrides(origin.given, values, fail), fail)
+    check_alternatives(given, fail)
+    content = resolved(given)
+    check_consistency(content, given, fail)
+    layout = msgspec.convert(content, ProblemLayout)
+    blocks = {name: getattr(layout, name) for name in ProblemLayout.__struct_fields__}
+    return Problem(**blocks, origin=replace(origin, overrides=values))
+
+
+def _failing(origin: Origin, values: Mapping[str, object]) -> Fail:
+    """Return what raises `InputError`, with the line of a key in the file unless its value was set over it."""
+    from_file = failing(origin.label, origin.lines)
+
+    def fail(path: str, message: str) -> NoReturn:
+        for key in values:
+            if path == key or path.startswith((f"{key}.", f"{key}[")):
+                raise InputError(message, file=f"{origin.label} with {key} set", key=path)
+        from_file(path, message)
+
+    return fail
+
+
+def _plain_text(value: object) -> object:
+    """Return what JSON can write of a value that it does not know, for a digest."""
+    plain = _plain(value)
+    return str(plain) if plain is value else plain
+
+
+def _plain(value: object) -> object:
+    """Return a NumPy number or array, as sweeps in Python set them, as plain numbers."""
+    convert = getattr(value, "tolist", None)
+    return convert() if callable(convert) else value

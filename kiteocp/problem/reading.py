@@ -1,0 +1,215 @@
+"""YAML text to plain values, with the line of every key and without the traps of YAML 1.1.
+
+PyYAML reads YAML 1.1: ``5e-3`` is a text, ``010`` is eight, ``no`` is a truth value, ``12:30`` a sexagesimal number,
+and the second of two equal keys wins silently. Here scalars follow the core schema of YAML 1.2 (section 10.3.2 of
+its specification), and a duplicate key is an error.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from kiteocp.errors import InputError
+
+#: A problem file is a few kilobytes; anything larger is something else, and not worth parsing.
+SIZE_LIMIT_BYTES = 1_000_000
+
+_Base: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
+
+
+class _Loader(_Base):  # type: ignore[misc]
+    """The fast safe loader with the scalars of YAML 1.2."""
+
+    yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
+
+
+def _integer(loader: Any, node: yaml.ScalarNode) -> int | float:
+    digits = loader.construct_scalar(node)
+    try:
+        return int(digits, 0) if digits[:2] in ("0x", "0o") else int(digits)
+    except ValueError:
+        # Python converts at most 4300 digits; such a number is infinite for all purposes here.
+        return float("inf")
+
+
+def _float(loader: Any, node: yaml.ScalarNode) -> float:
+    return float(loader.construct_scalar(node).lower().replace(".inf", "inf").replace(".nan", "nan"))
+
+
+for _tag, _pattern, _first in (
+    ("null", r"^(?:~|null|Null|NULL|)$", ["~", "n", "N", ""]),
+    ("bool", r"^(?:true|True|TRUE|false|False|FALSE)$", list("tTfF")),
+    ("int", r"^(?:[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+)$", list("-+0123456789")),
+    (
+        "float",
+        r"^(?:[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$",
+        list("-+0123456789."),
+    ),
+    ("merge", r"^(?:<<)$", ["<"]),
+):
+    _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(_pattern), _first)
+_Loader.add_constructor("tag:yaml.org,2002:int", _integer)
+_Loader.add_constructor("tag:yaml.org,2002:float", _float)
+
+
+@dataclass(frozen=True)
+class Document:
+    """What a file holds.
+
+    Attributes
+    ----------
+    label : str
+        The file as the user named it, for messages.
+    content : dict
+        The mapping as given, unchecked.
+    lines : mapping of str to int
+        Line of each key by its path, counted from 1.
+    source : bytes
+        The bytes of the file.
+    """
+
+    label: str
+    content: dict[Any, Any]
+    lines: Mapping[str, int]
+    source: bytes
+
+
+def read_document(path: Path) -> Document:
+    """Read a problem file.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+        A YAML file (JSON is YAML too).
+
+    Raises
+    ------
+    InputError
+        If it is missing, unreadable, no text, no YAML, empty, or not a mapping of keys to values.
+    """
+    label = str(path)
+    try:
+        with path.open("rb") as stream:
+            source = stream.read(SIZE_LIMIT_BYTES + 1)
+    except FileNotFoundError:
+        raise InputError("there is no such file; check the path, or see `kiteocp list`", file=label) from None
+    except IsADirectoryError:
+        raise InputError("is a directory; name the problem file in it", file=label) from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"cannot be read ({reason}); check the path and its permissions", file=label) from None
+    if len(source) > SIZE_LIMIT_BYTES:
+        raise InputError("is larger than 1 MB and cannot be a problem file; check the path", file=label)
+    try:
+        decoded = source.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = source[: error.start].count(b"\n") + 1
+        raise InputError("is not UTF-8 text; save the file as UTF-8", file=label, line=line) from None
+    content, lines = parse(decoded, label)
+    if content is None:
+        raise InputError("is empty; `kiteocp new NAME` writes a template to start from", file=label)
+    if not isinstance(content, dict):
+        raise InputError(
+            f"holds {describe(content)}, not keys with values; `kiteocp new NAME` writes a template to start from",
+            file=label,
+        )
+    return Document(label, content, lines, source)
+
+
+def parse(text: str, label: str) -> tuple[Any, dict[str, int]]:
+    """Parse YAML text into plain values and the line of each key path.
+
+    Raises
+    ------
+    InputError
+        If the text is not YAML or repeats a key.
+    """
+    try:
+        loader = _Loader(text)
+        try:
+            node = loader.get_single_node()
+            lines: dict[str, int] = {}
+            if node is not None:
+                _note_lines(node, "", lines, label, ())
+            return (None if node is None else loader.construct_document(node)), lines
+        finally:
+            loader.dispose()
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        reason = " ".join((error.problem or error.context or "cannot be parsed").split())
+        raise InputError(
+            f"is not valid YAML ({reason}); check indentation, colons and quotes there",
+            file=label,
+            line=None if mark is None else mark.line + 1,
+        ) from None
+    except yaml.YAMLError as error:
+        reason = " ".join(str(error).split())
+        raise InputError(f"is not valid YAML ({reason}); save it as plain text", file=label) from None
+    except (RecursionError, MemoryError):
+        raise InputError("is nested too deeply for a problem file; check the brackets", file=label) from None
+    except ValueError as error:
+        raise InputError(f"holds a value that cannot be read ({error}); correct it", file=label) from None
+
+
+def _note_lines(node: yaml.Node, path: str, lines: dict[str, int], label: str, above: tuple[int, ...]) -> None:
+    """Record the line of every key of a mapping, and reject a key given twice."""
+    if id(node) in above:
+        line = node.start_mark.line + 1
+        raise InputError("holds an alias that contains itself; write the values out", file=label, line=line)
+    above = (*above, id(node))
+    if isinstance(node, yaml.SequenceNode):
+        for index, item in enumerate(node.value):
+            lines[f"{path}[{index}]"] = item.start_mark.line + 1
+            _note_lines(item, f"{path}[{index}]", lines, label, above)
+    if not isinstance(node, yaml.MappingNode):
+        return
+    seen: dict[str, int] = {}
+    for key, value in node.value:
+        name, line = str(key.value), key.start_mark.line + 1
+        child = f"{path}.{name}" if path else name
+        if name in seen:
+            raise InputError(
+                f"{child} is given twice, in lines {seen[name]} and {line}; remove one of them",
+                file=label,
+                line=line,
+                key=child,
+            )
+        seen[name] = line
+        lines[child] = line
+        _note_lines(value, child, lines, label, above)
+
+
+def describe(value: object) -> str:
+    """Return a value as a person would name it: ``the text '3 kN'``, ``a list``, ``nothing``."""
+    match value:
+        case None:
+            words = "nothing"
+        case bool():
+            words = f"the truth value {str(value).lower()}"
+        case str():
+            words = f"the text {value if len(value) <= 60 else value[:57] + '...'!r}"
+        case int() | float():
+            words = f"the number {show(value)}"
+        case Mapping():
+            words = "a block of keys"
+        case list() | tuple():
+            words = "a list"
+        case _:
+            words = f"a {type(value).__name__}"
+    return words
+
+
+def show(value: object) -> str:
+    """Return a number as it would be written in the file, and anything else as it is."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        return str(value)
+    try:
+        return f"{float(value):.10g}"
+    except OverflowError:
+        return "inf"
