@@ -1,1 +1,5 @@
-"""Placeholder docstring, replaced with the room."""
+"""What a pumping cycle is, and its forward simulation."""
+
+from kiteocp.cycle.simulation import simulate
+
+__all__ = ["simulate"]

@@ -1,0 +1,119 @@
+"""The prescribed cycle of the forward simulation: what the winch holds in each phase, as rates of the kite's position."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Literal
+
+import casadi as ca
+
+from kiteocp.cycle.phases import KINDS, PhaseKind, PhaseName
+from kiteocp.physics import kinematics
+from kiteocp.physics.equilibrium import (
+    OUTPUTS,
+    equilibrium_functions,
+    explicit_state,
+    outputs_of,
+    radial_ground_force_flying_down,
+)
+from kiteocp.physics.kinematics import radians
+from kiteocp.physics.model import Coefficients, FlightState, Model, Position, Surroundings
+from kiteocp.physics.parameters import Parameters, Structure, parameters_of
+
+#: How the equilibrium of a state is found: in closed form, or by `casadi.rootfinder` on the residual.
+Equilibrium = Literal["explicit", "rootfinder"]
+
+#: Components of the state that is integrated.
+STATE = ("time_s", "tether_length_m", "elevation_rad", "energy_J")
+
+
+@dataclass(frozen=True)
+class PhaseFunctions:
+    """CasADi functions of one phase under the prescribed law.
+
+    ``rates(state, p)`` are the time derivatives of `STATE`; ``outputs(state, p)`` the quantities of `OUTPUTS`, stacked.
+    """
+
+    rates: ca.Function
+    outputs: ca.Function
+
+
+def prescribed_state(
+    model: Model, kind: PhaseKind, tether_length: Any, elevation: Any, equilibrium: Equilibrium
+) -> FlightState:
+    """Flight state under the prescribed law: constant force, or zero reeling between the two forces in the transition.
+
+    In the transition a state that has no equilibrium at zero reeling speed counts as slack, so that the kite reels in.
+    """
+    p = model.parameters
+    reference = model.structure.choice("operation.force_reference")
+    position = kind.position(model, tether_length, elevation)
+    coefficients = model.coefficients(kind.setting)
+    around = model.surroundings(position, coefficients)
+
+    def radial(key: str) -> Any:
+        return model.radial_ground_force(around, p[f"operation.{key}.tether_force_N"], reference)
+
+    if kind.name == "retraction":
+        force = radial("retraction")
+    elif kind.name == "traction":
+        force = radial("traction")
+    else:
+        at_rest = _force_at_rest(model, position, around, coefficients, equilibrium)
+        force = ca.fmin(ca.fmax(at_rest, radial("retraction")), radial("traction"))
+    if equilibrium == "explicit":
+        return explicit_state(model, position, around, force)
+    angle = _solved(model, position, around, coefficients, "radial_ground_force", force)
+    return model.state_at_force(position, around, force, angle)
+
+
+def _force_at_rest(
+    model: Model, position: Position, around: Surroundings, coefficients: Coefficients, equilibrium: Equilibrium
+) -> Any:
+    if equilibrium == "explicit":
+        return radial_ground_force_flying_down(model, around, 0.0)
+    angle = _solved(model, position, around, coefficients, "reeling_speed", 0.0)
+    force = model.state_at_reeling_speed(position, around, 0.0, angle).radial_ground_force
+    return ca.if_else(around.wind.radial > 0, force, -1.0)
+
+
+def _solved(
+    model: Model, position: Position, around: Surroundings, coefficients: Coefficients, control: str, value: Any
+) -> Any:
+    """Inflow angle by `casadi.rootfinder`, started at the angle of the massless kite (eq:triangle_similarity)."""
+    degrees = 1 / radians(1.0)
+    heading = ca.atan2(position.course.sine, position.course.cosine) * degrees
+    arguments = ca.vertcat(
+        model.parameters.vector,
+        position.tether_length,
+        position.elevation * degrees,
+        position.azimuth * degrees,
+        heading,
+        coefficients.lift,
+        coefficients.kite_drag,
+        value,
+    )
+    guess = ca.atan2(around.lift_coefficient, around.drag_coefficient)
+    return equilibrium_functions(model.structure, control).solve(guess, arguments)
+
+
+@lru_cache(maxsize=64)
+def phase_functions(structure: Structure, name: PhaseName, equilibrium: Equilibrium = "explicit") -> PhaseFunctions:
+    """Build (once) the functions of a phase under the prescribed law."""
+    kind = KINDS[name]
+    if equilibrium == "explicit":
+        parameters, state = parameters_of(structure), ca.SX.sym("state", len(STATE))
+    else:
+        parameters, state = Parameters(structure, ca.MX), ca.MX.sym("state", len(STATE))
+    length, elevation = state[1], state[2]
+    flight = prescribed_state(Model(parameters), kind, length, elevation, equilibrium)
+    # The traction is a mean over crosswind manoeuvres: it moves along the tether only.
+    crosswind = kind.course is None
+    rate = 0.0 if crosswind else kinematics.elevation_rate(flight.tangential_speed, kind.course, length)
+    rates = ca.vertcat(1.0, flight.reeling_speed, rate, flight.power)
+    outputs = outputs_of(flight)
+    return PhaseFunctions(
+        ca.Function("rates", [state, parameters.vector], [ca.densify(rates)]),
+        ca.Function("outputs", [state, parameters.vector], [ca.densify(ca.vertcat(*(outputs[n] for n in OUTPUTS)))]),
+    )

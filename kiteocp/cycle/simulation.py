@@ -1,0 +1,234 @@
+"""Forward simulation of the prescribed cycle (sections 2.8 to 2.11 of the paper)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from kiteocp.cycle.finite_difference import characteristic_time, finite_difference_phase
+from kiteocp.cycle.integrator import IntegrationError, Integrator
+from kiteocp.cycle.laws import STATE, Equilibrium, phase_functions
+from kiteocp.cycle.phases import KINDS, PHASES, FlownPhase, PhaseName
+from kiteocp.cycle.summary import (
+    PhaseRecord,
+    channels_of,
+    cycle_summary,
+    phase_summaries,
+    validity_warnings,
+)
+from kiteocp.errors import CycleError, NoEquilibriumError
+from kiteocp.physics.flight import Place, solve_state
+from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values
+from kiteocp.problem import Problem
+from kiteocp.result import Result
+
+#: Sizes of the components of the state for the integration error: 10 s, 100 m, 1 rad, 10 kJ.
+SCALES = np.array([10.0, 100.0, 1.0, 1e4])
+
+#: A phase that takes longer than this never ends in practice.
+LONGEST_PHASE_S = 3600.0
+
+#: Samples of a time series: one each half second, but so many in every phase.
+SAMPLE_TIME_S = 0.5
+FEWEST_SAMPLES = 40
+
+
+def simulate(
+    problem: Problem, *, gravity: bool = True, time_step: float | None = None, equilibrium: Equilibrium = "explicit"
+) -> Result:
+    """Simulate the prescribed cycle of a problem.
+
+    Parameters
+    ----------
+    problem
+        The problem; its ``operation`` block prescribes the cycle.
+    gravity
+        False leaves out all weights (section 2.3 of the paper).
+    time_step
+        Nondimensional time step of the paper's finite-difference scheme (eq:nondimentionaltime); without it the cycle
+        is integrated adaptively, to about 1e-7 in powers and durations.
+    equilibrium
+        ``explicit`` uses the closed form of the force-controlled state, ``rootfinder`` solves the residual at every
+        point; they agree to the accuracy of the integration.
+
+    Returns
+    -------
+    Result
+        With status ``ok``.
+
+    Raises
+    ------
+    CycleError
+        A state on the way does not exist, or a phase does not end.
+    """
+    values = parameter_values(problem, gravity=gravity)
+    flown = fly(values, equilibrium=equilibrium, time_step=time_step)
+    records = [record_of(values, phase) for phase in flown]
+    phases = phase_summaries(records)
+    elevation = np.radians(values["operation.traction.elevation_deg"])
+    lengths = values["operation.tether_length_min_m"] + values["operation.tether_length_max_m"]
+    # eq:meantractionaltitude, with the nominal lengths.
+    cycle = cycle_summary(values, phases, traction_altitude_m=0.5 * lengths * float(np.sin(elevation)))
+    integration = {
+        "scheme": "adaptive" if time_step is None else "finite-difference",
+        "time_step": time_step,
+        "steps": sum(len(phase.states) - 1 for phase in flown),
+        "gravity": gravity,
+        "equilibrium": equilibrium,
+    }
+    return Result(
+        verb="simulate",
+        problem=problem,
+        status="ok",
+        warnings=tuple(
+            [*problem.warnings(), *validity_warnings(records, values), *limit_warnings(records, values)]
+        ),
+        phases=phases,
+        cycle=dict(cycle),
+        channels=channels_of(records, values),
+        details={"simulation": integration},
+    )
+
+
+def fly(
+    values: ParameterValues, *, equilibrium: Equilibrium = "explicit", time_step: float | None = None
+) -> list[FlownPhase]:
+    """Integrate the prescribed cycle; `simulate` without time series and summary.
+
+    Raises
+    ------
+    CycleError
+        As `simulate`.
+    """
+    start = np.array(
+        [0.0, values["operation.tether_length_max_m"], np.radians(values["operation.traction.elevation_deg"]), 0.0]
+    )
+    ends: dict[PhaseName, float] = {
+        "retraction": values["operation.tether_length_min_m"],
+        "transition": float(start[2]),
+        "traction": values["operation.tether_length_max_m"],
+    }
+    flown = []
+    for name in PHASES:
+        try:
+            if time_step is None:
+                integrator = _integrators(values.structure, equilibrium)[name]
+                states = integrator.run(start, values.vector, ends[name], LONGEST_PHASE_S)
+            else:
+                step = time_step * characteristic_time(values)
+                states = finite_difference_phase(values, name, start, ends[name], step, LONGEST_PHASE_S)
+        except IntegrationError as error:
+            raise cycle_error(values, name, error.state, error.reason) from None
+        flown.append(FlownPhase(name, states))
+        start = np.array([0.0, states[-1, 1], states[-1, 2], 0.0])
+    return flown
+
+
+@lru_cache(maxsize=32)
+def _integrators(structure: Structure, equilibrium: Equilibrium) -> dict[PhaseName, Integrator]:
+    """Each phase ends at a tether length, the transition at an elevation; the kite flying down, that is monotone."""
+    length, elevation = STATE.index("tether_length_m"), STATE.index("elevation_rad")
+    targets: dict[PhaseName, tuple[int, bool]] = {
+        "retraction": (length, False),
+        "transition": (elevation, True),
+        "traction": (length, True),
+    }
+    return {
+        name: Integrator(phase_functions(structure, name, equilibrium).rates, target, monotone, SCALES)
+        for name, (target, monotone) in targets.items()
+    }
+
+
+def record_of(values: ParameterValues, phase: FlownPhase) -> PhaseRecord:
+    """Sample a flown phase evenly in time, by cubic Hermite interpolation between the integrator's steps."""
+    functions = phase_functions(values.structure, phase.name)
+    states = phase.states
+    count = max(FEWEST_SAMPLES, round(phase.duration_s / SAMPLE_TIME_S)) + 1
+    time = np.linspace(0.0, phase.duration_s, count)
+    rates = np.asarray(functions.rates.map(len(states))(states.T, values.vector)).T
+    samples = _hermite(time, states, rates)
+    outputs = np.asarray(functions.outputs.map(count)(samples.T, values.vector))
+    return PhaseRecord(phase.name, time, samples[:, 1], samples[:, 2], outputs, phase.energy_J)
+
+
+def _hermite(time: np.ndarray, states: np.ndarray, rates: np.ndarray) -> np.ndarray:
+    knots = states[:, 0]
+    index = np.clip(np.searchsorted(knots, time, side="right") - 1, 0, len(knots) - 2)
+    step = (knots[index + 1] - knots[index])[:, None]
+    s = (time - knots[index])[:, None] / step
+    left, right = states[index], states[index + 1]
+    change = right - left
+    samples: np.ndarray = (
+        left
+        + s * step * rates[index]
+        + s**2 * (3 * change - step * (2 * rates[index] + rates[index + 1]))
+        + s**3 * (step * (rates[index] + rates[index + 1]) - 2 * change)
+    )
+    return samples
+
+
+def cycle_error(values: ParameterValues, name: PhaseName, state: np.ndarray, reason: str) -> CycleError:
+    """Say why a phase cannot go on from a state."""
+    time, length, elevation = float(state[0]), float(state[1]), float(np.degrees(state[2]))
+    facts = {"time_s": time, "tether_length_m": length, "elevation_deg": elevation}
+    at = f"after {time:.3g} s, at {length:.4g} m of tether and {elevation:.3g} deg elevation"
+    try:
+        held = _held_state(values, name, length, elevation)
+    except NoEquilibriumError as error:
+        return CycleError(f"the {name} cannot be flown: {at}, {error}", phase=name, cause=error.cause, facts=facts)
+    speed = held["reeling_speed"]
+    facts["reeling_speed_m_s"] = speed
+    if name == "traction" and speed <= 0:
+        text = (
+            f"the traction does not get under way: {at}, the kite cannot hold "
+            f"{values['operation.traction.tether_force_N']:.4g} N while reeling out"
+        )
+        return CycleError(text, phase=name, cause="force_too_high", facts=facts)
+    if reason == "too_long":
+        text = f"the {name} does not end: {at}, the tether moves at {speed:.3g} m/s"
+        return CycleError(text, phase=name, cause="endless", facts=facts)
+    text = f"the {name} cannot be flown on: {at}, the next state has no equilibrium"
+    return CycleError(text, phase=name, cause="domain", facts=facts)
+
+
+def _held_state(values: ParameterValues, name: PhaseName, length: float, elevation: float) -> dict[str, float]:
+    """Solve the state at the force that the phase holds (in the transition at the lower one)."""
+    setting = KINDS[name].setting
+    lift = values[f"kite.{setting}.lift_coefficient"]
+    drag_key = f"kite.{setting}.drag_coefficient"
+    drag = values[drag_key] if drag_key in values.structure.keys else lift / values[f"kite.{setting}.lift_to_drag"]
+    crosswind = name == "traction"
+    place = Place(
+        length,
+        elevation,
+        values["operation.traction.azimuth_deg"] if crosswind else 0.0,
+        {"retraction": 180.0, "transition": 0.0, "traction": values["operation.traction.course_deg"]}[name],
+        lift,
+        drag,
+    )
+    reference = values.structure.choice("operation.force_reference")
+    force = values[f"operation.{'traction' if crosswind else 'retraction'}.tether_force_N"]
+    return solve_state(values, place, f"tether_force_{reference}", force)
+
+
+def limit_warnings(records: Sequence[PhaseRecord], values: ParameterValues) -> list[str]:
+    """Report where a flown cycle leaves the limits of the problem's machine; it is flown all the same."""
+    checks = (
+        ("reel_in_speed_max_m_s", "reeling_speed", -1.0, "reels in at up to", "m/s"),
+        ("reel_out_speed_max_m_s", "reeling_speed", 1.0, "reels out at up to", "m/s"),
+        ("height_max_m", "height", 1.0, "rises to", "m"),
+    )
+    warnings = []
+    for key, quantity, sign, verb, unit in checks:
+        if f"limits.{key}" not in values.structure.keys:
+            continue
+        limit = values[f"limits.{key}"]
+        worst, phase = max((float(np.max(sign * record.output(quantity))), record.name) for record in records)
+        if worst > limit * (1 + 1e-6):
+            warnings.append(
+                f"The prescribed cycle is outside limits.{key} ({limit:g} {unit}): it {verb} {worst:.3g} {unit} "
+                f"in the {phase}."
+            )
+    return warnings

@@ -1,0 +1,183 @@
+"""The numbers every cycle is summarised in, simulated or optimal: phases, cycle, channels, warnings."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from kiteocp.cycle.phases import KINDS, PhaseName
+from kiteocp.physics.aerodynamics import harvesting_factor
+from kiteocp.physics.equilibrium import OUTPUTS
+from kiteocp.physics.flight import OUTPUT_UNITS
+from kiteocp.physics.model import Model
+from kiteocp.physics.parameters import ParameterValues, Structure, parameters_of
+from kiteocp.physics.tether import relative_gravitational_force, tether_mass
+
+#: Outputs of a flight state that every time series carries.
+CHANNELS = (
+    "height",
+    "reeling_speed",
+    "kite_speed",
+    "wind_speed",
+    "apparent_wind_speed",
+    "kinematic_ratio",
+    "tether_force_kite",
+    "tether_force_ground",
+    "power",
+    "tangential_speed",
+    "reeling_factor",
+    "inflow_angle",
+)
+
+#: Above this height the logarithmic law is not meant to hold (section 2.1 of the paper).
+LOGARITHMIC_LAW_HEIGHT_M = 500.0
+
+#: Tether weight over tether force beyond which the sag is no longer small (eq:rel_gravitational_Force).
+SAG_LIMIT = 0.3
+
+
+@dataclass(frozen=True)
+class PhaseRecord:
+    """One flown phase.
+
+    Attributes
+    ----------
+    name
+        The phase.
+    time_s, tether_length_m, elevation_rad
+        Samples over the phase, shape (n,), time from the start of the phase.
+    outputs
+        Quantities of `OUTPUTS` at the samples, shape (len(OUTPUTS), n).
+    energy_J
+        Mechanical energy delivered over the phase.
+    """
+
+    name: PhaseName
+    time_s: np.ndarray
+    tether_length_m: np.ndarray
+    elevation_rad: np.ndarray
+    outputs: np.ndarray
+    energy_J: float
+
+    def output(self, name: str) -> np.ndarray:
+        """Return one quantity of `OUTPUTS` at the samples, shape (n,)."""
+        row: np.ndarray = self.outputs[OUTPUTS.index(name)]
+        return row
+
+    @property
+    def duration_s(self) -> float:
+        """Duration of the phase."""
+        return float(self.time_s[-1])
+
+
+def phase_summaries(records: Sequence[PhaseRecord]) -> dict[str, dict[str, float]]:
+    """Return duration, power, energy and end points of each phase."""
+    return {
+        record.name: {
+            "duration_s": record.duration_s,
+            "mean_power_W": record.energy_J / record.duration_s,
+            "energy_J": record.energy_J,
+            "tether_length_start_m": float(record.tether_length_m[0]),
+            "tether_length_end_m": float(record.tether_length_m[-1]),
+            "elevation_start_deg": float(np.degrees(record.elevation_rad[0])),
+            "elevation_end_deg": float(np.degrees(record.elevation_rad[-1])),
+        }
+        for record in records
+    }
+
+
+def cycle_summary(
+    values: ParameterValues,
+    phases: Mapping[str, Mapping[str, float]],
+    *,
+    traction_altitude_m: float,
+    phase_change_time_total_s: float = 0.0,
+) -> dict[str, float]:
+    """Return the cycle's duration, mean power (eq:pc_P_general), harvesting factor (eq:meanharvestfact) and altitude."""
+    duration = sum(phase["duration_s"] for phase in phases.values()) + phase_change_time_total_s
+    energy = sum(phase["energy_J"] for phase in phases.values())
+    wind, density = (float(v) for v in air_function(values.structure)(traction_altitude_m, values.vector))
+    power = energy / duration
+    return {
+        "duration_s": duration,
+        "mean_power_W": power,
+        "energy_J": energy,
+        "mean_harvesting_factor": float(harvesting_factor(power, density, wind, values["kite.projected_area_m2"])),
+        "mean_traction_altitude_m": traction_altitude_m,
+        "wind_speed_at_mean_traction_altitude_m_s": wind,
+        "phase_change_time_total_s": phase_change_time_total_s,
+    }
+
+
+@lru_cache(maxsize=32)
+def air_function(structure: Structure) -> ca.Function:
+    """Build (once) ``(height, p) -> wind speed, air density``."""
+    parameters = parameters_of(structure)
+    model, height = Model(parameters), ca.SX.sym("height")
+    return ca.Function("air", [height, parameters.vector], [model.wind_speed(height), model.air_density(height)])
+
+
+def channels_of(records: Sequence[PhaseRecord], values: ParameterValues, pause_s: float = 0.0) -> dict[str, Any]:
+    """Join the phases to time series with the names of the output contract.
+
+    Parameters
+    ----------
+    records
+        The phases in order.
+    values
+        Parameters, for the azimuth of the traction.
+    pause_s
+        Time between the phases that passes without motion or energy.
+    """
+    starts = np.cumsum([0.0, *(record.duration_s + pause_s for record in records)])
+    traction_azimuth = values["operation.traction.azimuth_deg"]
+    joined: dict[str, Any] = {
+        "time_s": [record.time_s + start for record, start in zip(records, starts[:-1], strict=True)],
+        "phase": [np.full(record.time_s.size, record.name) for record in records],
+        "tether_length_m": [record.tether_length_m for record in records],
+        "elevation_deg": [np.degrees(record.elevation_rad) for record in records],
+        "azimuth_deg": [
+            np.full(record.time_s.size, 0.0 if KINDS[record.name].course else traction_azimuth) for record in records
+        ],
+    }
+    for name in CHANNELS:
+        unit = OUTPUT_UNITS.get(name)
+        joined[f"{name}_{unit}" if unit else name] = [record.output(name) for record in records]
+    return {name: np.concatenate(parts) for name, parts in joined.items()}
+
+
+def validity_warnings(records: Sequence[PhaseRecord], values: ParameterValues) -> list[str]:
+    """Name what of a flown cycle lies outside the validity of the model, one sentence each."""
+    warnings = []
+    profile = values.structure.choice("environment.wind.profile")
+    highest = max(float(record.output("height").max()) for record in records)
+    lowest = min(float(record.output("height").min()) for record in records)
+    if profile == "logarithmic" and highest > LOGARITHMIC_LAW_HEIGHT_M:
+        warnings.append(
+            f"The kite flies up to {highest:.0f} m; the logarithmic wind profile is meant for heights up to "
+            f"{LOGARITHMIC_LAW_HEIGHT_M:.0f} m."
+        )
+    if profile == "table":
+        heights = [values[key] for key in values.structure.keys if key.startswith("environment.wind.heights_m[")]
+        if highest > max(heights) or lowest < min(heights):
+            warnings.append(
+                f"The kite flies between {lowest:.0f} and {highest:.0f} m, beyond the wind table "
+                f"({min(heights):.0f} to {max(heights):.0f} m), whose end values are held there."
+            )
+    if lowest < 0:
+        warnings.append(f"The flight path goes below the ground ({lowest:.0f} m).")
+    for record in records:
+        mass = tether_mass(record.tether_length_m, values["tether.diameter_m"], values["tether.density_kg_m3"])
+        weight = mass * values["environment.gravity_m_s2"]
+        gamma = float(np.max(relative_gravitational_force(weight, record.output("tether_force_kite"))))
+        if gamma > SAG_LIMIT:
+            warnings.append(
+                f"In the {record.name} the tether weighs up to {100 * gamma:.0f} % of its tension: it sags, and the "
+                "model's straight tether is a rough picture."
+            )
+    return warnings

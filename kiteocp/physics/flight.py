@@ -1,0 +1,245 @@
+"""One flight state in numbers, or the reason why there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from kiteocp.errors import InputError, NoEquilibriumError
+from kiteocp.physics.equilibrium import OUTPUTS, EquilibriumFunctions, equilibrium_functions
+from kiteocp.physics.parameters import ParameterValues, parameter_values
+from kiteocp.problem import Problem
+
+#: Names of the outputs with their units, as they reach a user.
+OUTPUT_UNITS: Mapping[str, str] = {
+    "height": "m",
+    "wind_speed": "m_s",
+    "wind_along_tether": "m_s",
+    "wind_across_course": "m_s",
+    "air_density": "kg_m3",
+    "reeling_speed": "m_s",
+    "tangential_speed": "m_s",
+    "kite_speed": "m_s",
+    "apparent_wind_speed": "m_s",
+    "radial_apparent_wind_speed": "m_s",
+    "aerodynamic_force": "N",
+    "radial_ground_force": "N",
+    "tether_force_kite": "N",
+    "tether_force_ground": "N",
+    "power": "W",
+    "sag": "N",
+    "weight_across": "N",
+    "inflow_angle": "rad",
+}
+
+#: Points at which the residual is scanned for its sign before the rootfinder starts.
+SCAN_POINTS = 200
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place, a course and a setting of the kite, in the units of the problem file.
+
+    Attributes
+    ----------
+    tether_length_m, elevation_deg, azimuth_deg, course_deg
+        Position and course (180 deg is straight up).
+    lift_coefficient, drag_coefficient
+        Of the kite without the tether.
+    """
+
+    tether_length_m: float
+    elevation_deg: float
+    azimuth_deg: float
+    course_deg: float
+    lift_coefficient: float
+    drag_coefficient: float
+
+    def vector(self) -> np.ndarray:
+        """Return the arguments in the order of `POSITION_ARGUMENTS`."""
+        return np.array(
+            [
+                self.tether_length_m,
+                self.elevation_deg,
+                self.azimuth_deg,
+                self.course_deg,
+                self.lift_coefficient,
+                self.drag_coefficient,
+            ]
+        )
+
+
+def flight_state(
+    problem: Problem,
+    *,
+    tether_length_m: float,
+    elevation_deg: float,
+    azimuth_deg: float = 0.0,
+    course_deg: float = 180.0,
+    setting: Literal["powered", "depowered"] = "powered",
+    reeling_speed_m_s: float | None = None,
+    reeling_factor: float | None = None,
+    tether_force_kite_N: float | None = None,
+    tether_force_ground_N: float | None = None,
+    gravity: bool = True,
+) -> dict[str, float]:
+    """Quasi-steady flight state at a place, by the implicit equilibrium (eq:F_a_projection).
+
+    Parameters
+    ----------
+    problem
+        Environment, kite and tether.
+    tether_length_m, elevation_deg, azimuth_deg, course_deg
+        Place and course; 0 deg is straight down, 90 deg towards positive azimuth, 180 deg straight up.
+    setting
+        Which coefficients of the kite apply.
+    reeling_speed_m_s, reeling_factor, tether_force_kite_N, tether_force_ground_N
+        What the winch holds; exactly one of them.
+    gravity
+        False leaves out all weights.
+
+    Returns
+    -------
+    dict
+        Named quantities with their unit in the name (`OUTPUT_UNITS`; factors have none).
+
+    Raises
+    ------
+    InputError
+        None or several of the four controls given.
+    NoEquilibriumError
+        No quasi-steady state exists; the message says which state and why.
+    """
+    controls = {
+        "reeling_speed": reeling_speed_m_s,
+        "reeling_factor": reeling_factor,
+        "tether_force_kite": tether_force_kite_N,
+        "tether_force_ground": tether_force_ground_N,
+    }
+    given = {name: value for name, value in controls.items() if value is not None}
+    if len(given) != 1:
+        raise InputError(
+            "flight_state takes exactly one of reeling_speed_m_s, reeling_factor, tether_force_kite_N and "
+            f"tether_force_ground_N; {len(given)} were given."
+        )
+    kite = problem.kite.powered if setting == "powered" else problem.kite.depowered
+    place = Place(
+        tether_length_m,
+        elevation_deg,
+        azimuth_deg,
+        course_deg,
+        kite.lift_coefficient,
+        kite.kite_drag_coefficient,
+    )
+    [(control, value)] = given.items()
+    state = solve_state(parameter_values(problem, gravity=gravity), place, control, value)
+    return {f"{name}_{OUTPUT_UNITS[name]}" if name in OUTPUT_UNITS else name: state[name] for name in OUTPUTS}
+
+
+def solve_state(values: ParameterValues, place: Place, control: str, value: float) -> dict[str, float]:
+    """Solve one state; `flight_state` without the problem file around it.
+
+    Raises
+    ------
+    NoEquilibriumError
+        With ``cause`` one of ``force_below_sag``, ``slack``, ``reeling_too_fast``, ``crosswind``, ``too_heavy``,
+        ``falling``.
+    """
+    functions = equilibrium_functions(values.structure, control)
+    arguments = np.concatenate([values.vector, place.vector(), [value]])
+    facts = {**place.__dict__, control: value}
+    limit_low, limit_high = _domain(functions, arguments, control, place, facts)
+    angles = np.linspace(limit_low, limit_high, SCAN_POINTS)
+    residuals = np.asarray(functions.residual.map(SCAN_POINTS)(angles[None, :], arguments)).ravel()
+    finite = np.isfinite(residuals)
+    # Below the root the drag's share of the force is too small for the angle, above it too large: the last change from
+    # plus to minus is the branch that the massless kite flies on.
+    falls = np.flatnonzero((residuals[:-1] >= 0) & (residuals[1:] < 0) & finite[:-1] & finite[1:])
+    if not falls.size:
+        raise _no_root(residuals[finite], place, facts)
+    last = falls[-1]
+    low, high = angles[last], angles[last + 1]
+    share = residuals[last] / (residuals[last] - residuals[last + 1])
+    root = float(functions.solve(low + share * (high - low), arguments))
+    if not low <= root <= high:
+        root = _bisect(lambda angle: float(functions.residual(angle, arguments)), low, high)
+    named = functions.state(angle=root, arguments=arguments)
+    return {name: float(named[name]) for name in OUTPUTS}
+
+
+def _bisect(residual: Callable[[float], float], low: float, high: float) -> float:
+    for _ in range(80):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if residual(middle) >= 0 else (low, middle)
+    return 0.5 * (low + high)
+
+
+def _domain(
+    functions: EquilibriumFunctions, arguments: np.ndarray, control: str, place: Place, facts: dict[str, Any]
+) -> tuple[float, float]:
+    """Bounds of the inflow angle within which all roots of the state are real."""
+    probe = {name: float(v) for name, v in functions.state(angle=0.5, arguments=arguments).items()}
+    wind_radial, crosswind = probe["wind_along_tether"], abs(probe["wind_across_course"])
+    if control in ("reeling_speed", "reeling_factor"):
+        radial = wind_radial - probe["reeling_speed"]
+        if radial <= 0:
+            raise NoEquilibriumError(
+                f"no equilibrium {_where(place)}: the kite reels out at {probe['reeling_speed']:.3g} m/s, "
+                f"but the wind blows only at {wind_radial:.3g} m/s along the tether",
+                cause="reeling_too_fast",
+                facts={**facts, "reeling_speed_m_s": probe["reeling_speed"], "wind_along_tether_m_s": wind_radial},
+            )
+        # The force must at least carry the weight across the tether: a lower bound on the apparent wind speed.
+        base = float(functions.state(angle=0.0, arguments=arguments)["aerodynamic_force"])
+        low = np.arctan(crosswind / radial)
+        if base < probe["weight_across"]:
+            low = max(low, np.arccos(np.sqrt(base / probe["weight_across"])))
+        return low + 1e-9, np.pi / 2 - 1e-9
+    force = arguments[-1]
+    if control != "radial_ground_force" and force < probe["sag"]:
+        raise NoEquilibriumError(
+            f"no equilibrium {_where(place)}: a tether force of {force:.4g} N is less than the sag of the tether "
+            f"alone asks for ({probe['sag']:.4g} N)",
+            cause="force_below_sag",
+            facts={**facts, "sag_N": probe["sag"]},
+        )
+    if probe["radial_ground_force"] < 0:
+        raise NoEquilibriumError(
+            f"no equilibrium {_where(place)}: with {force:.4g} N the tether is slack at the ground",
+            cause="slack",
+            facts=facts,
+        )
+    if crosswind >= probe["apparent_wind_speed"]:
+        raise NoEquilibriumError(
+            f"no equilibrium {_where(place)}: the wind across the course ({crosswind:.3g} m/s) is stronger than "
+            f"the apparent wind that the force allows ({probe['apparent_wind_speed']:.3g} m/s)",
+            cause="crosswind",
+            facts={**facts, "crosswind_m_s": crosswind, "apparent_wind_speed_m_s": probe["apparent_wind_speed"]},
+        )
+    return float(np.arcsin(crosswind / probe["apparent_wind_speed"])) + 1e-9, np.pi / 2 - 1e-9
+
+
+def _no_root(residuals: np.ndarray, place: Place, facts: dict[str, Any]) -> NoEquilibriumError:
+    if residuals.size and residuals[-1] > 0:
+        return NoEquilibriumError(
+            f"no equilibrium {_where(place)}: gravity pulls the kite down faster than the air can carry it "
+            "(its kinematic ratio tends to infinity)",
+            cause="falling",
+            facts=facts,
+        )
+    return NoEquilibriumError(
+        f"no equilibrium {_where(place)}: the kite is too heavy for the lift it has on this course "
+        "(its kinematic ratio tends to zero)",
+        cause="too_heavy",
+        facts=facts,
+    )
+
+
+def _where(place: Place) -> str:
+    return (
+        f"at {place.tether_length_m:.4g} m of tether, {place.elevation_deg:.3g} deg elevation, "
+        f"{place.azimuth_deg:.3g} deg azimuth, course {place.course_deg:.4g} deg"
+    )

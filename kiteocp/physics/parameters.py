@@ -1,0 +1,117 @@
+"""The numbers of a problem file as one vector of symbols, each addressed by its key path in the file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from kiteocp.problem import Problem
+
+#: Blocks of the problem file whose numbers are parameters of the model and of the optimal control problem.
+BLOCKS = ("environment", "kite", "tether", "operation", "limits", "machine")
+
+
+def _leaves(prefix: str, value: Any) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, Mapping):
+        for key, item in value.items():
+            yield from _leaves(f"{prefix}.{key}", item)
+    elif isinstance(value, list | tuple):
+        for index, item in enumerate(value):
+            yield from _leaves(f"{prefix}[{index}]", item)
+    elif value is not None:
+        yield prefix, value
+
+
+@dataclass(frozen=True)
+class Structure:
+    """What of a problem decides the shape of its expressions: which numbers it has, and its choices.
+
+    Problems of one structure share all symbolic functions and differ only in the parameter vector.
+
+    Attributes
+    ----------
+    keys
+        Key paths of the numbers, in the order of the parameter vector.
+    choices
+        Key paths and values of the words (wind profile, force reference, ...).
+    """
+
+    keys: tuple[str, ...]
+    choices: tuple[tuple[str, str], ...]
+
+    def choice(self, key: str) -> str:
+        """Return the word given for a key path."""
+        return dict(self.choices)[key]
+
+
+@dataclass(frozen=True)
+class ParameterValues:
+    """The structure of a problem and the values of its parameter vector, in the units of the file."""
+
+    structure: Structure
+    vector: np.ndarray
+
+    def __getitem__(self, key: str) -> float:
+        return float(self.vector[self.structure.keys.index(key)])
+
+    def replaced(self, changes: Mapping[str, float]) -> ParameterValues:
+        """Return the same with other numbers, without the checks of a problem file."""
+        vector = self.vector.copy()
+        for key, value in changes.items():
+            vector[self.structure.keys.index(key)] = value
+        return ParameterValues(self.structure, vector)
+
+
+def parameter_values(problem: Problem, *, gravity: bool = True) -> ParameterValues:
+    """Collect the numbers of a resolved problem.
+
+    Parameters
+    ----------
+    problem
+        The problem, every default filled in.
+    gravity
+        False sets the acceleration of gravity to zero: kite and tether without weight (section 2.3 of the paper).
+    """
+    content = problem.to_dict()
+    numbers: dict[str, float] = {}
+    choices: dict[str, str] = {}
+    for block in BLOCKS:
+        for key, value in _leaves(block, content.get(block)):
+            if isinstance(value, str):
+                choices[key] = value
+            else:
+                numbers[key] = float(value)
+    if not gravity:
+        numbers["environment.gravity_m_s2"] = 0.0
+    structure = Structure(tuple(numbers), tuple(sorted(choices.items())))
+    return ParameterValues(structure, np.fromiter(numbers.values(), float, len(numbers)))
+
+
+class Parameters:
+    """Symbols of a structure's numbers: ``parameters["kite.mass_kg"]`` is one, ``parameters.vector`` all of them."""
+
+    def __init__(self, structure: Structure, symbol: type[ca.SX] | type[ca.MX] = ca.SX) -> None:
+        self.structure = structure
+        self.vector = symbol.sym("p", len(structure.keys))
+        self._symbols = dict(zip(structure.keys, ca.vertsplit(self.vector), strict=True))
+
+    def __getitem__(self, key: str) -> Any:
+        return self._symbols[key]
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._symbols
+
+    def series(self, key: str) -> list[Any]:
+        """Return the symbols of a list in the file, in its order."""
+        return [symbol for name, symbol in self._symbols.items() if name.startswith(f"{key}[")]
+
+
+@lru_cache(maxsize=32)
+def parameters_of(structure: Structure) -> Parameters:
+    """Return the symbols of a structure, the same ones at every call."""
+    return Parameters(structure)
