@@ -180,7 +180,7 @@ def transcribe(problem: OptimalControlProblem, mesh: Mapping[str, PhaseMesh]) ->
         values += meant
     wanted = [ca.SX(problem.objective), *(ca.SX(link.expression) for link in problem.links)]
     _require_known("the objective or a link", wanted, symbols)
-    objective, *linked = ca.Function("links", symbols, wanted)(*values)
+    objective, *linked = ca.Function("links", symbols, wanted).call(values)
     rows.append(_column(linked), problem.links, [Label("link", link.name, link.scale) for link in problem.links])
     bounds = [entries.bound(side) for entries in (variables, rows) for side in (0, 1)]
     _require_known("a bound", bounds, [parameters])
