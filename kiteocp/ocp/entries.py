@@ -1,0 +1,135 @@
+"""The small declarations of an optimal control problem: variables, equations, constraints, rate limits, links.
+
+Each has a name, a scale and, where it is bounded, bounds that may depend on the problem's parameters. They are put
+together in `kiteocp.ocp.declaration`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Any
+
+import casadi as ca
+
+Expression = Any
+"""A number or a scalar ``casadi.SX`` expression (CasADi carries no types)."""
+
+
+def _require_scale(owner: str, scale: float) -> None:
+    """Reject a scale that is not a positive finite number."""
+    if not (math.isfinite(scale) and scale > 0.0):
+        raise ValueError(f"{owner}: scale must be positive and finite, not {scale}")
+
+
+def _require_bounds(owner: str, lower: Expression, upper: Expression) -> None:
+    """Reject numeric bounds that are NaN or crossed; symbolic ones are left to the numbers that come."""
+    low, high = ca.SX(lower), ca.SX(upper)
+    if low.is_constant() and high.is_constant() and not float(low) <= float(high):
+        raise ValueError(f"{owner}: lower bound {float(low)} must not exceed upper bound {float(high)}")
+
+
+@dataclass(frozen=True)
+class Variable:
+    """A scalar unknown of the problem.
+
+    Attributes
+    ----------
+    name
+        Unique within its phase (or among the statics).
+    lower, upper
+        Bounds in physical units: numbers (infinite allowed) or ``SX`` expressions of the problem's parameters.
+    scale
+        Typical magnitude; the solver sees value / scale.
+
+    """
+
+    name: str
+    lower: Expression = -math.inf
+    upper: Expression = math.inf
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        _require_scale(f"variable '{self.name}'", self.scale)
+        _require_bounds(f"variable '{self.name}'", self.lower, self.upper)
+
+
+@dataclass(frozen=True)
+class Static(Variable):
+    """A decision shared by all phases; use `symbol` in models, links and the objective."""
+
+    symbol: Expression = field(init=False, compare=False, repr=False)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        object.__setattr__(self, "symbol", ca.SX.sym(self.name))
+
+
+@dataclass(frozen=True)
+class Residual:
+    """An algebraic equation ``expression == 0``; its row in the program is expression / scale."""
+
+    name: str
+    expression: Expression
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        _require_scale(f"residual '{self.name}'", self.scale)
+
+
+@dataclass(frozen=True)
+class PathConstraint:
+    """``lower <= expression <= upper`` at every collocation point; bounds as for `Variable`."""
+
+    name: str
+    expression: Expression
+    lower: Expression = -math.inf
+    upper: Expression = math.inf
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        _require_scale(f"constraint '{self.name}'", self.scale)
+        _require_bounds(f"constraint '{self.name}'", self.lower, self.upper)
+
+
+@dataclass(frozen=True)
+class RateLimit:
+    """Bounds on the difference quotient of a quantity between consecutive collocation points of a phase.
+
+    Attributes
+    ----------
+    name
+        Name of the rows.
+    quantity
+        A state, algebraic, control or output of the phase.
+    lower, upper
+        Bounds in units of the quantity per second, as for `Variable`.
+    scale
+        Typical magnitude of the rate.
+
+    """
+
+    name: str
+    quantity: str
+    lower: Expression
+    upper: Expression
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        _require_scale(f"rate limit '{self.name}'", self.scale)
+        _require_bounds(f"rate limit '{self.name}'", self.lower, self.upper)
+
+
+@dataclass(frozen=True)
+class Link:
+    """``lower <= expression <= upper`` over phase ends, durations, integrals, statics; by default ``== 0``."""
+
+    name: str
+    expression: Expression
+    lower: Expression = 0.0
+    upper: Expression = 0.0
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        _require_scale(f"link '{self.name}'", self.scale)
+        _require_bounds(f"link '{self.name}'", self.lower, self.upper)
