@@ -10,11 +10,11 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from kiteocp.errors import InputError
+from kiteocp.plots.numbers import write_numbers
 from kiteocp.plots.panels import draw_ground_force, draw_panel, draw_zero, label_level, shade_phases
 from kiteocp.plots.side_view import draw_side_view
 from kiteocp.plots.style import (
     BLUE,
-    GREY,
     INK,
     LABEL_SIZE,
     LINE_WIDTH,
@@ -22,12 +22,10 @@ from kiteocp.plots.style import (
     SMALL_SIZE,
     TITLE_SIZE,
     make_figure,
-    phase_colour,
     save_figure,
     style_axes,
 )
 from kiteocp.result import Result
-from kiteocp.result.table import describe_cycle, format_active_limits
 
 DEFAULT_PATH = Path("cycle")
 _WIDTH_IN, _HEIGHT_IN = 12.5, 8.0
@@ -116,7 +114,7 @@ def _compose(
         style_axes(axes)
     _draw_panels(panels, result, prescribed, levels)
     _write_title(figure, result, prescribed, kind)
-    _write_table(figure, side, result, prescribed)
+    write_numbers(figure, side, result, prescribed)
     return figure
 
 
@@ -197,42 +195,3 @@ def _write_title(figure: Figure, result: Result, prescribed: Result | None, kind
             fontsize=LABEL_SIZE,
             borderaxespad=0.0,
         )
-
-
-def _write_table(figure: Figure, side: Any, result: Result, prescribed: Result | None) -> None:
-    """Write the phases in numbers below the side view, the prescribed ones in grey, and what is said of the cycle."""
-    columns = [("duration (s)", "duration_s", 1.0, 1), ("mean power (kW)", "mean_power_W", 1e-3, 2)]
-    columns += [("energy (kJ)", "energy_J", 1e-3, 0)]
-    # Equal scales shrink the side view to the shape of the cycle: follow its lower edge.
-    side.apply_aspect()
-    left, width, top, step = 0.055, 0.095, side.get_position().y0 - 0.085, 0.026
-    for index, (title, *_) in enumerate(columns):
-        figure.text(left + 0.10 + width * (index + 1), top, title, fontsize=SMALL_SIZE, color=GREY, ha="right")
-    if prescribed is not None:
-        figure.text(left, top, "grey: prescribed", fontsize=SMALL_SIZE, color=GREY)
-    rows: list[tuple[str, dict[str, Any], dict[str, Any]]] = [
-        (name, dict(values), dict(prescribed.phases.get(name, {})) if prescribed else {})
-        for name, values in result.phases.items()
-    ]
-    rows.append(("cycle", dict(result.cycle), dict(prescribed.cycle) if prescribed else {}))
-    for index, (name, values, reference) in enumerate(rows):
-        y = top - step * (index + 1)
-        colour = INK if name == "cycle" else phase_colour(name)
-        figure.text(left, y, name, fontsize=LABEL_SIZE, fontweight="bold", color=colour)
-        for column, (_, key, factor, decimals) in enumerate(columns):
-            x = left + 0.10 + width * (column + 1)
-            if (value := values.get(key)) is not None:
-                figure.text(x, y, f"{factor * value:.{decimals}f}", fontsize=LABEL_SIZE, ha="right")
-            if (value := reference.get(key)) is not None:
-                text = f"{factor * value:.{decimals}f}"
-                figure.text(x - 0.042, y, text, fontsize=SMALL_SIZE, color=GREY, ha="right")
-    notes = describe_cycle(result) + format_active_limits(result.details.get("active_limits") or {})
-    figure.text(
-        left,
-        top - step * (len(rows) + 1),
-        "\n".join(notes),
-        fontsize=SMALL_SIZE,
-        color=INK,
-        va="top",
-        linespacing=1.4,
-    )

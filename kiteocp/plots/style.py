@@ -35,7 +35,9 @@ LINE_WIDTH = 1.6
 PRESCRIBED_STYLE: dict[str, Any] = {"color": GREY, "linewidth": 1.1, "linestyle": (0, (5, 2)), "zorder": 2}
 LIMIT_STYLE: dict[str, Any] = {"color": INK, "linewidth": 0.8, "linestyle": (0, (2, 2)), "zorder": 1.5}
 
-_DPI = 130
+_DPI = 120
+# Level 3 of zlib takes half the time of the usual 6 for a file a tenth larger.
+_PNG_COMPRESSION = 3
 
 
 def make_figure(width_in: float, height_in: float) -> Figure:
@@ -53,6 +55,9 @@ def style_axes(axes: Any) -> None:
         axes.spines[side].set_visible(False)
     for side in ("left", "bottom"):
         axes.spines[side].set_color(GREY)
+    # Few ticks: easier to read, and the costliest part of a figure to draw.
+    axes.xaxis.get_major_locator().set_params(nbins=8, steps=[1, 2, 5, 10])
+    axes.yaxis.get_major_locator().set_params(nbins=5, steps=[1, 2, 5, 10])
     axes.tick_params(labelsize=SMALL_SIZE, color=GREY, labelcolor=INK, length=3)
 
 
@@ -90,7 +95,8 @@ def save_figure(figure: Figure, path: Path, formats: Sequence[str]) -> list[Path
         stream = io.BytesIO()
         # No date, so that the same result gives the same file.
         metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(suffix)
-        figure.savefig(stream, format=suffix, dpi=_DPI, metadata=metadata)
+        options = {"pil_kwargs": {"compress_level": _PNG_COMPRESSION}} if suffix == "png" else {}
+        figure.savefig(stream, format=suffix, dpi=_DPI, metadata=metadata, **options)
         contents[path.with_name(f"{path.name}.{suffix}")] = stream.getvalue()
     write_atomically(contents)
     return list(contents)

@@ -50,7 +50,7 @@ _UNIT_OF_SUFFIX: tuple[tuple[str, str], ...] = (
     ("_kg_m3", "kg/m3"),
     ("_deg_s", "deg/s"),
     ("_m_s2", "m/s2"),
-    ("_N_s", "N/s"),
+    ("_N_m", "N m"),
     ("_m_s", "m/s"),
     ("_deg", "deg"),
     ("_rad", "rad"),

@@ -147,7 +147,7 @@ def load_result(directory: str | Path) -> Result:
     if version != SCHEMA_VERSION:
         raise InputError(f"{path}: schema_version is {version!r}, not {SCHEMA_VERSION}; run the calculation again")
     try:
-        problem = problem_from_dict(summary["input"], str(path))
+        problem = problem_from_dict(summary["input"], str(path), sha256=summary["input_sha256"])
         prescribed = summary.get("prescribed")
         return _build(
             summary,
@@ -196,6 +196,8 @@ def _read_time_series(path: Path) -> dict[str, npt.NDArray[Any]]:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check its permissions") from None
     except ValueError:
         raise InputError(f"{path}: is not a time series; run the calculation again") from None
+    if any(len(row) != len(header) for row in rows):
+        raise InputError(f"{path}: has rows of unequal length; run the calculation again")
     channels: dict[str, npt.NDArray[Any]] = {}
     for index, name in enumerate(header):
         try:
@@ -203,6 +205,6 @@ def _read_time_series(path: Path) -> dict[str, npt.NDArray[Any]]:
             channels[name] = np.array(
                 column if name == "phase" else [float(cell) if cell else math.nan for cell in column]
             )
-        except (IndexError, ValueError) as error:
+        except ValueError as error:
             raise InputError(f"{path}: column {name} is damaged ({error}); run the calculation again") from None
     return channels

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from kiteocp.result.channels import unit_of
+from kiteocp.result.channels import DIMENSIONLESS, unit_of
 from kiteocp.result.container import Result
 
 _HEADER = ("duration", "mean power", "energy", "tether length", "elevation")
@@ -35,7 +35,7 @@ def format_result(result: Result) -> str:
         lines[1] += f" - {message}"
     if result.phases or (result.prescribed is not None and result.prescribed.phases):
         lines += ["", *_format_cycles(result), "", *_format_facts(result)]
-    lines += format_active_limits(result.details.get("active_limits") or {})
+    lines += _format_active_limits(result.details.get("active_limits") or {})
     if solver := result.details.get("solver"):
         lines.append(f"solver: {_format_solver(solver)}")
     lines += [f"warning: {text}" for text in result.warnings]
@@ -127,23 +127,29 @@ def _format_gain(power: float | None, prescribed: Result) -> str:
     )
 
 
-def format_active_limits(active: Mapping[str, list[dict[str, Any]]]) -> list[str]:
+def _format_active_limits(active: Mapping[str, list[dict[str, Any]]]) -> list[str]:
     """Return a heading and a line for each active limit, or no lines."""
-    rows = [(phase, limit) for phase, limits in active.items() for limit in limits]
+    rows = [
+        (phase if index == 0 else "", limit) for phase, limits in active.items() for index, limit in enumerate(limits)
+    ]
     if not rows:
         return []
     width = max(len(phase) for phase, _ in rows)
-    lines = ["active limits (share of the time of the phase)"]
-    previous = ""
-    for phase, limit in rows:
-        name = "" if phase == previous else phase
-        previous = phase
-        unit = unit_of(limit["limit"])
-        value = "" if limit.get("value") is None else f" = {limit['value']:.4g}"
-        suffix = "" if not value or unit == "1" else f" {unit}"
-        share = "" if limit.get("share") is None else f" ({100.0 * limit['share']:.0f} %)"
-        lines.append(f"  {name.ljust(width)}  {limit['limit']}{value}{suffix}{share}")
-    return lines
+    lines = [f"  {phase.ljust(width)}  {describe_limit(limit)}" for phase, limit in rows]
+    return ["active limits (share of the time of the phase)", *lines]
+
+
+def describe_limit(limit: Mapping[str, Any]) -> str:
+    """Return one active limit as ``limits.tether_force_max_N = 3008 N (93 %)``, without what is not known of it."""
+    text = str(limit["limit"])
+    if (value := limit.get("value")) is not None:
+        unit = unit_of(text)
+        # Four digits, but never an exponent for a force or a length.
+        text += f" = {value:.0f}" if abs(value) >= 1e4 else f" = {value:.4g}"
+        text += "" if unit == DIMENSIONLESS else f" {unit}"
+    if (share := limit.get("share")) is not None:
+        text += f" ({100.0 * share:.0f} %)"
+    return text
 
 
 def _format_solver(solver: Mapping[str, Any]) -> str:
