@@ -11,7 +11,7 @@ from typing import Any, NoReturn
 from kiteocp.errors import InputError
 from kiteocp.problem.catalogue import Key, catalogue
 from kiteocp.problem.fields import FOREIGN_UNITS, UNIT_SUFFIXES
-from kiteocp.problem.reading import describe, show
+from kiteocp.problem.reading import describe, is_number_text, show
 
 #: Raises the `InputError` of a key path and a message; knows file and line.
 Fail = Callable[[str, str], NoReturn]
@@ -93,8 +93,9 @@ def _checked_number(value: Any, fail: Fail, key: Key, path: str) -> float | int:
     bare = f"a bare number in {key.unit}" if unit else "a bare number"
     expected = "a whole number" if key.kind == "integer" else "a number" + (f" in {key.unit}" if unit else "")
     if isinstance(value, str):
-        remedy = "remove the quotes" if _is_number_text(value) else f"give {bare}, without text"
-        fail(path, f"{path} is {describe(value)}; expected {expected}: {remedy}")
+        remedy = "without quotes" if is_number_text(value) else "without text"
+        instead = ", or null for no limit" if key.nullable else ""
+        fail(path, f"{path} is {describe(value)}; give {bare} {remedy}{instead}")
     if value is None and not key.required:
         fail(path, f"{path} is empty; give {bare} or leave the key out")
     if isinstance(value, bool) or not isinstance(value, int | float):
@@ -114,19 +115,12 @@ def _checked_number(value: Any, fail: Fail, key: Key, path: str) -> float | int:
     return int(number) if key.kind == "integer" else number
 
 
-def _is_number_text(value: str) -> bool:
-    try:
-        return math.isfinite(float(value))
-    except ValueError:
-        return False
-
-
 def _checked_list(value: Any, fail: Fail, key: Key) -> list[float]:
     if isinstance(value, str | Mapping) or not isinstance(value, Iterable):
         fail(key.path, f"{key.path} is {describe(value)}; expected a list of numbers in {key.unit}, as [1.0, 2.0]")
     entries = list(value)
     if key.min_length is not None and len(entries) < key.min_length:
-        fail(key.path, f"{key.path} has {len(entries)} entries; give at least {key.min_length}")
+        fail(key.path, f"{key.path} has too few entries ({len(entries)}); give at least {key.min_length}")
     return [_checked_number(entry, fail, key, f"{key.path}[{index}]") for index, entry in enumerate(entries)]
 
 
@@ -157,6 +151,9 @@ def _check_choice(value: Any, fail: Fail, path: str, words: tuple[str, ...]) -> 
 def nearest(word: str, words: Iterable[str]) -> str | None:
     """Return the word that resembles a mistyped one most, or None if none does."""
     lower = {candidate.lower(): candidate for candidate in words}
+    shortened = [candidate for candidate in lower if len(word) >= 3 and candidate.startswith(word.lower())]
+    if len(shortened) == 1:
+        return lower[shortened[0]]
     found = difflib.get_close_matches(word.lower(), list(lower), n=1, cutoff=0.6)
     return lower[found[0]] if found else None
 
@@ -179,23 +176,26 @@ def suggestion(name: str, key: Key) -> str:
         head, _, unit = name.lower().partition(f"{stem.lower()}_")
         if stem != child.name and (name.lower() == stem.lower() or (not head and unit in FOREIGN_UNITS)):
             return f"give it in {child.unit}, as {child.name}"
+    owners = _owners(name, key)
+    if owners:
+        return f"it belongs where {owners}"
     near = nearest(name, key.children)
     if near is not None:
         return f"did you mean {near}?"
     elsewhere = [other.path for other in catalogue().walk() if other.path and other.name == name]
     if elsewhere:
-        return f"it belongs to {elsewhere[0]}" + _variant_of(elsewhere[0], name, key)
+        return f"it belongs to {elsewhere[0]}"
     place = f"{key.path} has" if key.path else "the file has"
     return f"{place} the keys {_enumeration(key.children)}"
 
 
-def _variant_of(path: str, name: str, key: Key) -> str:
-    """Return of which variants a key is, where it is one of a sibling variant."""
-    parent = next((other for other in catalogue().walk() if other.kind == "variants" and other.path == key.path), None)
-    if parent is None or not path.startswith(f"{parent.path}."):
-        return ""
-    owners = [tag for tag, variant in parent.variants.items() if name in variant.children]
-    return f" where {parent.tag_field} is {_enumeration(owners, 'or')}"
+def _owners(name: str, key: Key) -> str:
+    """Return of which sibling variants a key is, in words, or nothing."""
+    for parent in catalogue().walk():
+        if parent.kind == "variants" and parent.path == key.path:
+            tags = [tag for tag, variant in parent.variants.items() if name in variant.children]
+            return f"{parent.tag_field} is {_enumeration(tags, 'or')}" if tags else ""
+    return ""
 
 
 def _stem(name: str) -> str:

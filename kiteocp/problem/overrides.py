@@ -9,7 +9,7 @@ from typing import Any
 
 from kiteocp.errors import InputError
 from kiteocp.problem.catalogue import catalogue, known_paths
-from kiteocp.problem.checking import Fail, nearest
+from kiteocp.problem.checking import Fail, nearest, suggestion
 from kiteocp.problem.reading import describe, parse
 
 #: Keys of one block of which a file gives exactly one: setting one removes the other.
@@ -77,7 +77,10 @@ def _check_path(path: str, fail: Fail) -> None:
     bare = entry["path"] if entry else path
     keys = {key.path: key for key in catalogue().walk() if key.path}
     if bare not in keys:
-        same_name = [known for known in known_paths() if known.rpartition(".")[2] == bare.rpartition(".")[2]]
+        parent, _, name = bare.rpartition(".")
+        if parent in keys and keys[parent].kind == "section":
+            fail(path, f"{path} is not a known key; {suggestion(name, keys[parent])}")
+        same_name = [known for known in known_paths() if known.rpartition(".")[2] == name]
         guess = nearest(bare, same_name) or nearest(bare, known_paths()) or (same_name[0] if same_name else None)
         remedy = f"did you mean {guess}?" if guess else "`kiteocp new NAME` writes a file with every key"
         fail(path, f"{path} is not a known key; {remedy}")

@@ -18,7 +18,7 @@ from kiteocp.problem.defaults import resolved
 from kiteocp.problem.layout import ProblemLayout
 from kiteocp.problem.overrides import with_overrides
 from kiteocp.problem.reading import read_document
-from kiteocp.problem.shipped import problem_path
+from kiteocp.problem.shipped import problem_path, shipped_problems
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,9 @@ def load_problem(name_or_path: str | os.PathLike[str], overrides: Mapping[str, o
     InputError
         In one sentence with file, key, value and remedy.
     """
-    document = read_document(problem_path(name_or_path))
+    path = problem_path(name_or_path)
+    shipped = str(name_or_path) if path == shipped_problems().get(str(name_or_path)) else None
+    document = read_document(path, shipped)
     origin = Origin(document.label, document.source, document.content, document.lines)
     return _built(origin, overrides or {})
 
@@ -192,8 +194,10 @@ def _failing(origin: Origin, values: Mapping[str, object]) -> Fail:
     from_file = failing(origin.label, origin.lines)
 
     def fail(path: str, message: str) -> NoReturn:
+        if path in values:
+            raise InputError(message, file=origin.label, key=path)
         for key in values:
-            if path == key or path.startswith((f"{key}.", f"{key}[")):
+            if path.startswith((f"{key}.", f"{key}[")):
                 raise InputError(message, file=f"{origin.label} with {key} set", key=path)
         from_file(path, message)
 

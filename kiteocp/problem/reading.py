@@ -19,6 +19,8 @@ from kiteocp.errors import InputError
 
 #: A problem file is a few kilobytes; anything larger is something else, and not worth parsing.
 SIZE_LIMIT_BYTES = 1_000_000
+#: The layout has four levels; the rest is room for what deserves a better message than this one.
+DEPTH_LIMIT = 50
 
 _Base: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -27,22 +29,34 @@ class _Loader(_Base):  # type: ignore[misc]
     """The fast safe loader with the scalars of YAML 1.2."""
 
     yaml_implicit_resolvers: dict[str, list[tuple[str, re.Pattern[str]]]] = {}  # noqa: RUF012
+    # No tags beyond the core schema: dates, sets and binaries have no place in a problem file.
+    yaml_constructors = {  # noqa: RUF012
+        tag: constructor
+        for tag, constructor in _Base.yaml_constructors.items()
+        if tag is None or tag.rpartition(":")[2] in ("map", "seq", "str", "null")
+    }
 
 
 def _integer(loader: Any, node: yaml.ScalarNode) -> int | float:
     digits = loader.construct_scalar(node)
-    try:
-        return int(digits, 0) if digits[:2] in ("0x", "0o") else int(digits)
-    except ValueError:
-        # Python converts at most 4300 digits; such a number is infinite for all purposes here.
-        return float("inf")
+    if digits[:2] in ("0x", "0o"):
+        return int(digits, 0)
+    # Python converts at most 4300 digits; such a number is infinite for all purposes here.
+    return int(digits) if len(digits) < 4000 else float("inf")
+
+
+def _truth(loader: Any, node: yaml.ScalarNode) -> bool:
+    word = loader.construct_scalar(node).lower()
+    if word not in ("true", "false"):
+        raise ValueError(f"{word!r} is not true or false")
+    return bool(word == "true")
 
 
 def _float(loader: Any, node: yaml.ScalarNode) -> float:
     return float(loader.construct_scalar(node).lower().replace(".inf", "inf").replace(".nan", "nan"))
 
 
-for _tag, _pattern, _first in (
+_SCALARS: tuple[tuple[str, str, list[str]], ...] = (
     ("null", r"^(?:~|null|Null|NULL|)$", ["~", "n", "N", ""]),
     ("bool", r"^(?:true|True|TRUE|false|False|FALSE)$", list("tTfF")),
     ("int", r"^(?:[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+)$", list("-+0123456789")),
@@ -52,8 +66,10 @@ for _tag, _pattern, _first in (
         list("-+0123456789."),
     ),
     ("merge", r"^(?:<<)$", ["<"]),
-):
+)
+for _tag, _pattern, _first in _SCALARS:
     _Loader.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(_pattern), _first)
+_Loader.add_constructor("tag:yaml.org,2002:bool", _truth)
 _Loader.add_constructor("tag:yaml.org,2002:int", _integer)
 _Loader.add_constructor("tag:yaml.org,2002:float", _float)
 
@@ -80,20 +96,24 @@ class Document:
     source: bytes
 
 
-def read_document(path: Path) -> Document:
+def read_document(path: Path, label: str | None = None) -> Document:
     """Read a problem file.
 
     Parameters
     ----------
     path : pathlib.Path
         A YAML file (JSON is YAML too).
+    label : str, optional
+        What messages call it, the path if not given.
 
     Raises
     ------
     InputError
         If it is missing, unreadable, no text, no YAML, empty, or not a mapping of keys to values.
     """
-    label = str(path)
+    if label is None:
+        # A path may hold characters that a terminal cannot print.
+        label = str(path) if str(path).isprintable() else repr(str(path))
     try:
         with path.open("rb") as stream:
             source = stream.read(SIZE_LIMIT_BYTES + 1)
@@ -131,6 +151,7 @@ def parse(text: str, label: str) -> tuple[Any, dict[str, int]]:
         If the text is not YAML or repeats a key.
     """
     try:
+        _check_depth(text, label)
         loader = _Loader(text)
         try:
             node = loader.get_single_node()
@@ -142,7 +163,7 @@ def parse(text: str, label: str) -> tuple[Any, dict[str, int]]:
             loader.dispose()
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        reason = " ".join((error.problem or error.context or "cannot be parsed").split())
+        reason = " ".join(f"{error.context or ''} {error.problem or ''}".split())
         raise InputError(
             f"is not valid YAML ({reason}); check indentation, colons and quotes there",
             file=label,
@@ -151,10 +172,17 @@ def parse(text: str, label: str) -> tuple[Any, dict[str, int]]:
     except yaml.YAMLError as error:
         reason = " ".join(str(error).split())
         raise InputError(f"is not valid YAML ({reason}); save it as plain text", file=label) from None
-    except (RecursionError, MemoryError):
-        raise InputError("is nested too deeply for a problem file; check the brackets", file=label) from None
     except ValueError as error:
         raise InputError(f"holds a value that cannot be read ({error}); correct it", file=label) from None
+
+
+def _check_depth(text: str, label: str) -> None:
+    """Reject deep nesting before the composer, which recurses in C, overflows the stack and ends the process."""
+    depth = 0
+    for event in yaml.parse(text, Loader=_Loader):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        if depth > DEPTH_LIMIT:
+            raise InputError("is nested too deeply for a problem file; check the brackets", file=label)
 
 
 def _note_lines(node: yaml.Node, path: str, lines: dict[str, int], label: str, above: tuple[int, ...]) -> None:
@@ -186,10 +214,10 @@ def _note_lines(node: yaml.Node, path: str, lines: dict[str, int], label: str, a
 
 
 def describe(value: object) -> str:
-    """Return a value as a person would name it: ``the text '3 kN'``, ``a list``, ``nothing``."""
+    """Return a value as a person would name it: ``the text '3 kN'``, ``a list``, ``empty``."""
     match value:
         case None:
-            words = "nothing"
+            words = "empty"
         case bool():
             words = f"the truth value {str(value).lower()}"
         case str():
@@ -203,6 +231,11 @@ def describe(value: object) -> str:
         case _:
             words = f"a {type(value).__name__}"
     return words
+
+
+def is_number_text(value: str) -> bool:
+    """Return whether a text would be a finite number without its quotes."""
+    return any(re.match(pattern, value) for _, pattern, _ in _SCALARS[2:4])
 
 
 def show(value: object) -> str:

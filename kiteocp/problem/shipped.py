@@ -46,6 +46,5 @@ def problem_path(name_or_path: str | os.PathLike[str]) -> Path:
                 f"{name!r} is not a shipped problem; for the file of that name write {os.path.join('.', str(local))}"
             )
     near = nearest(name, problems)
-    guess = f"did you mean {near}?" if near else "give a path ending in .yaml for a file of yours,"
-    others = f"{'the shipped ones are' if near else 'or one of'} {', '.join(problems)}"
-    raise InputError(f"{name!r} is not a shipped problem; {guess} {others}")
+    guess = f"did you mean {near}?" if near else "a file of yours needs its path with the .yaml."
+    raise InputError(f"{name!r} is not a shipped problem; {guess} (Shipped: {', '.join(problems)})")
