@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 
 from kiteocp.errors import InputError
 from kiteocp.plots.numbers import write_numbers
-from kiteocp.plots.panels import draw_ground_force, draw_panel, draw_zero, label_level, shade_phases
+from kiteocp.plots.panels import draw_ground_force, draw_panel, draw_zero, shade_phases
 from kiteocp.plots.side_view import draw_side_view
 from kiteocp.plots.style import (
     BLUE,
@@ -28,6 +28,9 @@ from kiteocp.plots.style import (
 from kiteocp.result import Result
 
 DEFAULT_PATH = Path("cycle")
+#: Panel to the values drawn dashed in it, each with what to call it; None is no limit.
+Levels = dict[str, list[tuple[float | None, str]]]
+
 _WIDTH_IN, _HEIGHT_IN = 12.5, 8.0
 
 
@@ -59,15 +62,7 @@ def plot_cycle(result: Result, path: Path | None = None, formats: Sequence[str] 
     InputError
         If the result has no time series, a format is unknown or a file cannot be written.
     """
-    operation = result.problem.operation
-    levels: dict[str, list[tuple[float | None, str]]] = {
-        "length": [(operation.tether_length_min_m, "shortest"), (operation.tether_length_max_m, "longest")],
-        "force": [
-            (operation.retraction.tether_force_N, "retraction\nset value"),
-            (operation.traction.tether_force_N, "traction\nset value"),
-        ],
-    }
-    return save_figure(_compose(result, None, levels, "simulated cycle"), path or DEFAULT_PATH, formats)
+    return save_figure(compose_cycle(result), path or DEFAULT_PATH, formats)
 
 
 def plot_optimum(result: Result, path: Path | None = None, formats: Sequence[str] = ("png",)) -> list[Path]:
@@ -75,29 +70,55 @@ def plot_optimum(result: Result, path: Path | None = None, formats: Sequence[str
 
     Parameters and errors are those of `plot_cycle`.
     """
+    return save_figure(compose_optimum(result), path or DEFAULT_PATH, formats)
+
+
+def compose_cycle(result: Result) -> Figure:
+    """Return the figure of `plot_cycle`, to be changed or embedded."""
+    return _compose(result, None, _set_values(result), "simulated cycle")
+
+
+def compose_optimum(result: Result) -> Figure:
+    """Return the figure of `plot_optimum`, to be changed or embedded."""
+    prescribed = result.prescribed if result.prescribed is not None and result.prescribed.channels else None
+    return _compose(result, prescribed, _limits(result), "optimal cycle")
+
+
+def _set_values(result: Result) -> Levels:
+    """Return the levels a simulated cycle is flown at, by panel."""
+    operation = result.problem.operation
+    return {
+        "length": [(operation.tether_length_min_m, "shortest"), (operation.tether_length_max_m, "longest")],
+        "force": [
+            (operation.retraction.tether_force_N, "retraction set value"),
+            (operation.traction.tether_force_N, "traction set value"),
+        ],
+    }
+
+
+def _limits(result: Result) -> Levels:
+    """Return the levels an optimal cycle respects, by panel."""
     limits = result.problem.limits
     motor = limits.motor_power_max_W
-    levels: dict[str, list[tuple[float | None, str]]] = {
+    return {
         "length": [(limits.tether_length_min_m, "minimum"), (limits.tether_length_max_m, "maximum")],
         "speed": [
-            (-limits.reel_in_speed_max_m_s, "reel-in\nlimit"),
-            (limits.reel_out_speed_max_m_s, "reel-out\nlimit"),
+            (-limits.reel_in_speed_max_m_s, "reel-in limit"),
+            (limits.reel_out_speed_max_m_s, "reel-out limit"),
         ],
         "force": [(limits.tether_force_min_N, "minimum"), (limits.tether_force_max_N, "maximum")],
         "power": [
-            (limits.generator_power_max_W, "generator\nlimit"),
-            (None if motor is None else -motor, "motor\nlimit"),
+            (limits.generator_power_max_W, "generator limit"),
+            (None if motor is None else -motor, "motor limit"),
         ],
         "elevation": [(limits.elevation_max_deg, "maximum"), (limits.traction_elevation_min_deg, "minimum")],
     }
-    prescribed = result.prescribed if result.prescribed and result.prescribed.channels else None
-    return save_figure(_compose(result, prescribed, levels, "optimal cycle"), path or DEFAULT_PATH, formats)
 
 
 def _compose(
     result: Result,
     prescribed: Result | None,
-    levels: dict[str, list[tuple[float | None, str]]],
+    levels: Levels,
     kind: str,
 ) -> Figure:
     """Return the whole figure: side view and table on the left, panels on the right."""
@@ -109,7 +130,7 @@ def _compose(
     (length_min, _), (length_max, _) = levels["length"]
     draw_side_view(side, result, prescribed, float(length_min or 0.0), float(length_max or 0.0))
 
-    panels = [figure.add_axes((0.525, 0.075 + 0.164 * row, 0.395, 0.138)) for row in range(4, -1, -1)]
+    panels = [figure.add_axes((0.525, 0.075 + 0.164 * row, 0.383, 0.138)) for row in range(4, -1, -1)]
     for axes in panels:
         style_axes(axes)
     _draw_panels(panels, result, prescribed, levels)
@@ -122,7 +143,7 @@ def _draw_panels(
     panels: Sequence[Any],
     result: Result,
     prescribed: Result | None,
-    levels: dict[str, list[tuple[float | None, str]]],
+    levels: Levels,
 ) -> None:
     length, speed, force, power, elevation = panels
     draw_panel(length, result, prescribed, "tether_length_m", "tether length\n(m)", levels.get("length", ()))
@@ -137,11 +158,10 @@ def _draw_panels(
         factor=1e-3,
     )
     draw_ground_force(force, result)
-    draw_panel(power, result, prescribed, "power_W", "power\n(kW)", levels.get("power", ()), factor=1e-3)
     mean_power = result.cycle.get("mean_power_W")
-    if mean_power is not None:
-        power.axhline(1e-3 * mean_power, color=BLUE, linewidth=1.1, zorder=2.5)
-        label_level(power, 1e-3 * mean_power, f"mean\n{1e-3 * mean_power:.2f} kW", BLUE)
+    draw_panel(
+        power, result, prescribed, "power_W", "power\n(kW)", levels.get("power", ()), factor=1e-3, mean=mean_power
+    )
     draw_panel(elevation, result, prescribed, "elevation_deg", "elevation\n(deg)", levels.get("elevation", ()))
     for axes in (speed, power):
         draw_zero(axes)

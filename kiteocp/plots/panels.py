@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -23,6 +24,8 @@ from kiteocp.result import Result
 
 #: A limit further from the data than this share of the data's range is left out of the view.
 _LIMIT_REACH = 0.35
+#: Height of a label in the margin, in parts of the height of a panel.
+_LABEL_GAP = 0.14
 
 
 def draw_panel(
@@ -33,6 +36,7 @@ def draw_panel(
     label: str,
     limits: Sequence[tuple[float | None, str]] = (),
     factor: float = 1.0,
+    mean: float | None = None,
 ) -> None:
     """Draw one channel over time with its limits.
 
@@ -48,6 +52,8 @@ def draw_panel(
         Values in the unit of the channel, drawn dashed, and what to call each; None is no limit.
     factor : float
         From the unit of the channel to that of the label.
+    mean : float, optional
+        Mean of the channel over the cycle, in its own unit, drawn as a level of its own.
     """
     if prescribed is not None:
         _draw_line(axes, prescribed, channel, factor, **PRESCRIBED_STYLE)
@@ -57,30 +63,42 @@ def draw_panel(
     low, high = (float(np.min(values)), float(np.max(values))) if values.size else (0.0, 1.0)
     span = max(high - low, 0.05 * max(abs(low), abs(high)), 1e-9)
     reach = _LIMIT_REACH * span
+    labels: list[tuple[float, str, str]] = []
     for value, name in limits:
         if value is None or not low - reach <= value * factor <= high + reach:
             continue
         axes.axhline(value * factor, **LIMIT_STYLE)
-        label_level(axes, value * factor, name)
-        low, high = min(low, value * factor), max(high, value * factor)
+        labels.append((value * factor, name, INK))
+    if mean is not None:
+        axes.axhline(mean * factor, color=BLUE, linewidth=1.1, zorder=2.5)
+        # The label of the axis ends with the unit in brackets.
+        unit = label.rpartition("(")[2].rstrip(")")
+        labels.append((mean * factor, f"mean {mean * factor:.2f} {unit}", BLUE))
+    low, high = min([low, *(level for level, *_ in labels)]), max([high, *(level for level, *_ in labels)])
     margin = 0.08 * max(high - low, span)
     axes.set_ylim(low - margin, high + margin)
     axes.set_ylabel(label, fontsize=LABEL_SIZE)
+    _label_levels(axes, labels)
 
 
-def label_level(axes: Any, value: float, text: str, colour: str = INK) -> None:
-    """Name a level in the right margin of a panel."""
-    axes.annotate(
-        text,
-        (1.0, value),
-        xycoords=axes.get_yaxis_transform(),
-        xytext=(4, 0),
-        textcoords="offset points",
-        fontsize=SMALL_SIZE,
-        color=colour,
-        va="center",
-        annotation_clip=False,
-    )
+def _label_levels(axes: Any, labels: Sequence[tuple[float, str, str]]) -> None:
+    """Name levels in the right margin of a panel, moved up where two would overlap."""
+    low, high = axes.get_ylim()
+    previous = -math.inf
+    for value, text, colour in sorted(labels):
+        height = max((value - low) / (high - low), previous + _LABEL_GAP)
+        previous = height
+        axes.annotate(
+            text,
+            (1.0, height),
+            xycoords="axes fraction",
+            xytext=(4, 0),
+            textcoords="offset points",
+            fontsize=SMALL_SIZE,
+            color=colour,
+            va="center",
+            annotation_clip=False,
+        )
 
 
 def draw_ground_force(axes: Any, result: Result) -> None:

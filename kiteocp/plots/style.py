@@ -95,7 +95,7 @@ def save_figure(figure: Figure, path: Path, formats: Sequence[str]) -> list[Path
         stream = io.BytesIO()
         # No date, so that the same result gives the same file.
         metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(suffix)
-        options = {"pil_kwargs": {"compress_level": _PNG_COMPRESSION}} if suffix == "png" else {}
+        options: dict[str, Any] = {"pil_kwargs": {"compress_level": _PNG_COMPRESSION}} if suffix == "png" else {}
         figure.savefig(stream, format=suffix, dpi=_DPI, metadata=metadata, **options)
         contents[path.with_name(f"{path.name}.{suffix}")] = stream.getvalue()
     write_atomically(contents)

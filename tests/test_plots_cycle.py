@@ -1,0 +1,118 @@
+"""Pictures: there, not blank, of every format, and one sentence where they cannot be."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+import time
+
+import matplotlib.image
+import numpy as np
+import pytest
+from made_result import make_optimum, make_result
+
+from kiteocp import InputError
+from kiteocp.plots import plot_cycle, plot_optimum, plot_result
+from kiteocp.plots.cycle import compose_cycle, compose_optimum
+from kiteocp.plots.side_view import path_of, segments
+
+
+def read_picture(path):
+    return matplotlib.image.imread(io.BytesIO(path.read_bytes()))[..., :3]
+
+
+@pytest.mark.parametrize(("plot", "make"), [(plot_cycle, make_result), (plot_optimum, make_optimum)])
+def test_picture_shows_something_in_every_quarter(tmp_path, plot, make):
+    (path,) = plot(make(), tmp_path / "cycle")
+    picture = read_picture(path)
+    height, width, _ = picture.shape
+    assert height >= 800
+    assert width >= 1200
+    for rows in (slice(0, height // 2), slice(height // 2, height)):
+        for columns in (slice(0, width // 2), slice(width // 2, width)):
+            # Text and lines cover a few per cent; a blank page nothing.
+            assert np.mean(np.any(picture[rows, columns] < 0.95, axis=-1)) > 0.005
+
+
+def test_every_format_is_written_and_says_what_it_is(tmp_path):
+    paths = plot_result(make_result(), tmp_path / "deep" / "cycle", ("png", "svg", "pdf"))
+    assert [path.name for path in paths] == ["cycle.png", "cycle.svg", "cycle.pdf"]
+    marks = [path.read_bytes()[:5] for path in paths]
+    assert marks == [b"\x89PNG\r", b"<?xml", b"%PDF-"]
+
+
+def test_pictures_of_equal_results_are_equal(tmp_path):
+    (one,) = plot_result(make_result(), tmp_path / "one", ("pdf",))
+    (other,) = plot_result(make_result(), tmp_path / "other", ("pdf",))
+    assert one.read_bytes() == other.read_bytes()
+
+
+def test_optimum_names_both_powers_and_draws_both_cycles():
+    figure = compose_optimum(make_optimum())
+    texts = [text.get_text() for text in figure.texts]
+    assert any("mean power 6.95 kW (prescribed 5.56 kW, +25.0 %)" in text for text in texts)
+    assert any("limits.tether_force_min_N = 749 N (93 %)" in text for text in texts)
+    side = figure.axes[0]
+    prescribed = path_of(make_result())
+    assert any(np.array_equal(line.get_xdata(), prescribed[0]) for line in side.lines)
+
+
+def test_no_two_labels_overlap():
+    crowded = make_optimum().problem.with_values({"limits.generator_power_max_W": 7500.0})
+    optimum = dataclasses.replace(make_optimum(), problem=crowded)
+    for figure in (compose_cycle(make_result()), compose_optimum(optimum)):
+        figure.canvas.draw()
+        renderer = figure.canvas.get_renderer()
+        texts = [*figure.texts, *(text for axes in figure.axes for text in axes.texts)]
+        boxes = [(text.get_text(), text.get_window_extent(renderer)) for text in texts if text.get_text()]
+        overlaps = [
+            (one, other)
+            for index, (one, box) in enumerate(boxes)
+            for other, other_box in boxes[index + 1 :]
+            if box.overlaps(other_box)
+        ]
+        assert overlaps == []
+        page = figure.bbox
+        beyond = [
+            text for text, box in boxes if box.x0 < page.x0 or box.x1 > page.x1 or box.y0 < page.y0 or box.y1 > page.y1
+        ]
+        assert beyond == []
+
+
+def test_axes_have_units():
+    figure = compose_cycle(make_result())
+    side, *panels = figure.axes
+    assert "(m)" in side.get_xlabel()
+    assert "(m)" in side.get_ylabel()
+    assert [axes.get_ylabel().split("\n")[1] for axes in panels] == ["(m)", "(m/s)", "(kN)", "(kW)", "(deg)"]
+    assert panels[-1].get_xlabel() == "time (s)"
+    assert side.get_aspect() == 1.0
+
+
+def test_segments_follow_the_phases():
+    assert [(name, run.stop - run.start) for name, run in segments(make_result())] == [
+        ("retraction", 5),
+        ("transition", 5),
+        ("traction", 5),
+    ]
+
+
+def test_a_cycle_without_prescribed_series_is_drawn_alone(tmp_path):
+    (path,) = plot_optimum(make_result("solve"), tmp_path / "cycle")
+    assert path.stat().st_size > 20_000
+
+
+def test_what_cannot_be_drawn_is_one_sentence(tmp_path):
+    with pytest.raises(InputError, match="holds no time series"):
+        plot_cycle(make_result(channels={}, status="failed"), tmp_path / "cycle")
+    with pytest.raises(InputError, match="picture format 'gif'"):
+        plot_cycle(make_result(), tmp_path / "cycle", ("gif",))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_picture_takes_well_under_a_second(tmp_path):
+    plot_result(make_optimum(), tmp_path / "warm")  # fonts are found once a process
+    start = time.process_time()
+    plot_result(make_optimum(), tmp_path / "cycle")
+    # 0.4 s were measured; the bound leaves room for a slower machine and still finds a layout engine or a second draw.
+    assert time.process_time() - start < 1.5
