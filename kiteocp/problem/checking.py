@@ -6,6 +6,7 @@ import difflib
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
+from numbers import Real
 from typing import Any, NoReturn
 
 from kiteocp.errors import InputError
@@ -98,7 +99,7 @@ def _checked_number(value: Any, fail: Fail, key: Key, path: str) -> float | int:
         fail(path, f"{path} is {describe(value)}; give {bare} {remedy}{instead}")
     if value is None and not key.required:
         fail(path, f"{path} is empty; give {bare} or leave the key out")
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if isinstance(value, bool) or not isinstance(value, Real):
         fail(path, f"{path} is {describe(value)}; expected {expected}")
     try:
         number = float(value)
@@ -129,7 +130,7 @@ def _checked_text(value: Any, fail: Fail, key: Key) -> str:
         return _check_choice(value, fail, key.path, key.choices)
     if not isinstance(value, str):
         fail(key.path, f"{key.path} is {describe(value)}; expected a text: put it in quotes")
-    if key.pattern is not None and not re.search(key.pattern, value):
+    if key.pattern is not None and not re.fullmatch(key.pattern, value):
         fail(
             key.path,
             f"{key.path} is {describe(value)}; begin with a letter or digit and use only letters, digits, '.', '_' and"

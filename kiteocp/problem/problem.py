@@ -30,13 +30,13 @@ class Origin:
     label : str
         File or other origin, for messages.
     source : bytes
-        What was read.
+        The bytes read, none for a problem made from values.
     given : mapping
-        The keys given in the source, without defaults.
+        The keys given in the source, with the values set over them, without defaults.
     lines : mapping of str to int
         Line of each key in the source.
-    overrides : mapping of str to object
-        Values set over those of the source.
+    set_keys : frozenset of str
+        Key paths of the values set over those of the source.
     sha256 : str, optional
         A digest to keep instead of computing it, for a problem restored from a summary.
     """
@@ -45,7 +45,7 @@ class Origin:
     source: bytes
     given: Mapping[str, Any]
     lines: Mapping[str, int] = field(default_factory=dict)
-    overrides: Mapping[str, Any] = field(default_factory=dict)
+    set_keys: frozenset[str] = frozenset()
     sha256: str | None = None
 
 
@@ -93,7 +93,7 @@ class Problem(ProblemLayout, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         Setting one of ``lift_to_drag`` and ``drag_coefficient`` removes the other, and setting
         ``environment.wind.profile`` removes the keys that the new profile does not have.
         """
-        return _built(self.origin, {**self.origin.overrides, **values})
+        return _built(self.origin, values)
 
     def warnings(self) -> list[str]:
         """Return what deserves a warning, one sentence each.
@@ -105,11 +105,11 @@ class Problem(ProblemLayout, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     @property
     def sha256(self) -> str:
         """Hexadecimal SHA-256 digest of what the problem was made from: the bytes of the file and the values set."""
-        if self.origin.sha256 is not None and not self.origin.overrides:
+        if self.origin.sha256 is not None and not self.origin.set_keys:
             return self.origin.sha256
         digest = hashlib.sha256(self.origin.source)
-        if self.origin.overrides:
-            digest.update(json.dumps(self.origin.overrides, sort_keys=True, default=_plain_text).encode())
+        if self.origin.set_keys or not self.origin.source:
+            digest.update(json.dumps(self.origin.given, sort_keys=True).encode())
         return digest.hexdigest()
 
     def __eq__(self, other: object) -> bool:
@@ -171,46 +171,33 @@ def problem_from_dict(content: Mapping[str, Any], label: str = "problem", *, sha
     """
     if not isinstance(content, Mapping):
         raise InputError("holds no keys with values; give the layout of a problem file", file=label)
-    source = json.dumps(content, sort_keys=True, default=_plain_text).encode()
-    return _built(Origin(label, source, dict(content), sha256=sha256), {})
+    return _built(Origin(label, b"", dict(content), sha256=sha256), {})
 
 
 def _built(origin: Origin, overrides: Mapping[str, object]) -> Problem:
     """Set values over the given keys, check everything, fill in defaults, and build the structures."""
-    values = {path: _plain(value) for path, value in overrides.items()}
-    fail = _failing(origin, values)
+    set_keys = origin.set_keys | overrides.keys()
+    fail = _failing(origin, set_keys)
     # Values are set before anything is checked, so that they can mend a file too.
-    given = checked(with_overrides(origin.given, values, fail), fail)
+    given = checked(with_overrides(origin.given, overrides, fail), fail)
     check_alternatives(given, fail)
     content = resolved(given)
     check_consistency(content, given, fail)
     layout = msgspec.convert(content, ProblemLayout)
     blocks = {name: getattr(layout, name) for name in ProblemLayout.__struct_fields__}
-    return Problem(**blocks, origin=replace(origin, overrides=values))
+    return Problem(**blocks, origin=replace(origin, given=given, set_keys=set_keys))
 
 
-def _failing(origin: Origin, values: Mapping[str, object]) -> Fail:
+def _failing(origin: Origin, set_keys: frozenset[str]) -> Fail:
     """Return what raises `InputError`, with the line of a key in the file unless its value was set over it."""
     from_file = failing(origin.label, origin.lines)
 
     def fail(path: str, message: str) -> NoReturn:
-        if path in values:
+        if path in set_keys:
             raise InputError(message, file=origin.label, key=path)
-        for key in values:
+        for key in set_keys:
             if path.startswith((f"{key}.", f"{key}[")):
                 raise InputError(message, file=f"{origin.label} with {key} set", key=path)
         from_file(path, message)
 
     return fail
-
-
-def _plain_text(value: object) -> object:
-    """Return what JSON can write of a value that it does not know, for a digest."""
-    plain = _plain(value)
-    return str(plain) if plain is value else plain
-
-
-def _plain(value: object) -> object:
-    """Return a NumPy number or array, as sweeps in Python set them, as plain numbers."""
-    convert = getattr(value, "tolist", None)
-    return convert() if callable(convert) else value

@@ -10,6 +10,7 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -222,7 +223,7 @@ def describe(value: object) -> str:
             words = f"the truth value {str(value).lower()}"
         case str():
             words = f"the text {value if len(value) <= 60 else value[:57] + '...'!r}"
-        case int() | float():
+        case Real():
             words = f"the number {show(value)}"
         case Mapping():
             words = "a block of keys"
@@ -240,7 +241,7 @@ def is_number_text(value: str) -> bool:
 
 def show(value: object) -> str:
     """Return a number as it would be written in the file, and anything else as it is."""
-    if isinstance(value, bool) or not isinstance(value, int | float):
+    if isinstance(value, bool) or not isinstance(value, Real):
         return str(value)
     try:
         return f"{float(value):.10g}"

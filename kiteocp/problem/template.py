@@ -52,7 +52,7 @@ def problem_template(name: str) -> str:
     InputError
         If the name cannot be one.
     """
-    if not re.search(NAME_PATTERN, name) or len(name) > 100:
+    if not re.fullmatch(NAME_PATTERN, name) or len(name) > 100:
         raise InputError(
             f"{name!r} cannot name a problem; begin with a letter or digit and use at most 100 letters, digits, '.', "
             "'_' and '-'"
