@@ -3,9 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from typing import TYPE_CHECKING
 
 from kiteocp.cli.calculation import calculate
 from kiteocp.cli.parser import add_calculation, positive_number
+
+if TYPE_CHECKING:
+    from kiteocp.problem import Problem
+    from kiteocp.result import Result
 
 NAME = "simulate"
 HELP = "simulate the prescribed cycle"
@@ -27,10 +32,11 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Simulate, save, print and draw."""
-    from kiteocp.cycle import simulate  # noqa: PLC0415  (CasADi only where it is needed)
 
-    return calculate(
-        arguments,
-        NAME,
-        lambda problem: simulate(problem, gravity=arguments.gravity, time_step=arguments.time_step),
-    )
+    def compute(problem: Problem) -> Result:
+        # Imported once the problem is known to be good: a mistake in it is answered without waiting for CasADi.
+        from kiteocp.cycle import simulate  # noqa: PLC0415
+
+        return simulate(problem, gravity=arguments.gravity, time_step=arguments.time_step)
+
+    return calculate(arguments, NAME, compute)

@@ -130,7 +130,7 @@ def _compose(
     (length_min, _), (length_max, _) = levels["length"]
     draw_side_view(side, result, prescribed, float(length_min or 0.0), float(length_max or 0.0))
 
-    panels = [figure.add_axes((0.525, 0.075 + 0.164 * row, 0.383, 0.138)) for row in range(4, -1, -1)]
+    panels = [figure.add_axes((0.525, 0.075 + 0.164 * row, 0.375, 0.138)) for row in range(4, -1, -1)]
     for axes in panels:
         style_axes(axes)
     _draw_panels(panels, result, prescribed, levels)
