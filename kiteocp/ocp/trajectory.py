@@ -207,7 +207,7 @@ def call_model(
         Derivatives, residuals, constraints and outputs, each of shape (number of them, m).
 
     """
-    count = fractions.size
-    repeated = [np.repeat(np.reshape(value, (-1, 1)), count, axis=1) for value in shared]
-    arguments = [ca.DM(a) for a in (*groups, (fractions * shared[0])[None, :], *repeated)]
-    return [np.asarray(value.full(), dtype=np.float64) for value in function.map(count)(*arguments)]
+    # CasADi repeats the single columns of what is shared; converting them as often as there are points is slower.
+    columns: list[Any] = [*groups, (fractions * shared[0])[None, :], *shared]
+    results = function(*(ca.DM(column) for column in columns))
+    return [np.asarray(value.full(), dtype=np.float64) for value in results]
