@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from kiteocp import errors as errors
-    from kiteocp.cycle import flight_state as flight_state
     from kiteocp.cycle import simulate as simulate
     from kiteocp.errors import CycleError as CycleError
     from kiteocp.errors import InputError as InputError
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from kiteocp.errors import NoEquilibriumError as NoEquilibriumError
     from kiteocp.errors import SolveError as SolveError
     from kiteocp.ocp import solve as solve
+    from kiteocp.physics.flight import flight_state as flight_state
     from kiteocp.problem import Problem as Problem
     from kiteocp.problem import load_problem as load_problem
     from kiteocp.problem import shipped_problems as shipped_problems
@@ -38,7 +38,7 @@ _HOMES: dict[str, str] = {
     "Problem": "kiteocp.problem",
     "Result": "kiteocp.result",
     "SolveError": "kiteocp.errors",
-    "flight_state": "kiteocp.cycle",
+    "flight_state": "kiteocp.physics.flight",
     "load_problem": "kiteocp.problem",
     "load_result": "kiteocp.result",
     "shipped_problems": "kiteocp.problem",

@@ -60,16 +60,13 @@ class InputError(KiteocpError):
 
 
 class _CalculationError(KiteocpError):
-    """A calculation that ended without an answer, with its cause in words and its facts in numbers."""
+    """A calculation that ended without an answer: its cause in words, its facts in numbers, a word for its reason."""
 
-    def __init__(self, cause: str, facts: Mapping[str, float] | None = None) -> None:
+    def __init__(self, cause: str, facts: Mapping[str, float] | None = None, *, reason: str = "") -> None:
         super().__init__(cause)
         self.cause = cause
         self.facts = dict(facts or {})
-
-    def _sentence(self, subject: str) -> str:
-        facts = ", ".join(f"{name} {value:.6g}" for name, value in self.facts.items())
-        return f"{subject}: {self.cause}" + (f" ({facts})" if facts else "")
+        self.reason = reason
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle with the facts, so that the error survives a process pool."""
@@ -82,14 +79,16 @@ class NoEquilibriumError(_CalculationError):
     Parameters
     ----------
     cause : str
-        Why there is none, in words.
+        Where there is none and why, in words.
     facts : mapping of str to float, optional
         The state and what decides, by name with the unit, such as ``{"elevation_deg": 70.0}``.
+    reason : str, optional
+        One of ``force_below_sag``, ``slack``, ``reeling_too_fast``, ``crosswind``, ``too_heavy``, ``falling``.
     """
 
     def __str__(self) -> str:
-        """Return one sentence with the cause and the numbers."""
-        return self._sentence("no equilibrium of forces")
+        """Return one sentence with the cause."""
+        return f"no equilibrium of forces {self.cause}"
 
 
 class CycleError(_CalculationError):
@@ -103,15 +102,19 @@ class CycleError(_CalculationError):
         Why, in words.
     facts : mapping of str to float, optional
         Where it ended, by name with the unit.
+    reason : str, optional
+        That of the `NoEquilibriumError` behind it, or ``force_too_high``, ``endless``, ``domain``.
     """
 
-    def __init__(self, phase: str, cause: str, facts: Mapping[str, float] | None = None) -> None:
-        super().__init__(cause, facts)
+    def __init__(
+        self, phase: str, cause: str, facts: Mapping[str, float] | None = None, *, reason: str = ""
+    ) -> None:
+        super().__init__(cause, facts, reason=reason)
         self.phase = phase
 
     def __str__(self) -> str:
-        """Return one sentence with the phase, the cause and the numbers."""
-        return self._sentence(f"the cycle cannot be completed in {self.phase}")
+        """Return one sentence with the phase and the cause."""
+        return f"the prescribed cycle cannot be flown, its {self.phase} ends {self.cause}"
 
 
 class SolveError(_CalculationError):
@@ -126,8 +129,8 @@ class SolveError(_CalculationError):
     """
 
     def __str__(self) -> str:
-        """Return one sentence with the cause and the numbers."""
-        return self._sentence("no optimal cycle found")
+        """Return one sentence with the cause."""
+        return f"no optimal cycle found: {self.cause}"
 
 
 def _restored(kind: type[KiteocpError], args: tuple[Any, ...], state: dict[str, Any]) -> KiteocpError:

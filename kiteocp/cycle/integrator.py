@@ -9,6 +9,7 @@ integrator (scipy's, against which the tests hold this one) costs thirty times a
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -38,10 +39,10 @@ def step_function(rates: ca.Function, independent: int) -> ca.Function:
     independent
         Index of the component that advances by ``step``.
     """
-    symbol = ca.SX if rates.is_a("SXFunction") else ca.MX
+    symbol: Any = ca.SX if rates.is_a("SXFunction") else ca.MX
     state, step = symbol.sym("state", rates.size1_in(0)), symbol.sym("step")
     parameters = symbol.sym("parameters", rates.size1_in(1))
-    slopes: list[ca.SX | ca.MX] = []
+    slopes: list[Any] = []
     point = state
     for row in _STAGES:
         point = state

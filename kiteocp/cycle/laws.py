@@ -1,4 +1,4 @@
-"""The prescribed cycle of the forward simulation: what the winch holds in each phase, as rates of the kite's position."""
+"""The prescribed cycle of the forward simulation: what the winch holds in each phase, and how the kite then moves."""
 
 from __future__ import annotations
 
@@ -102,15 +102,16 @@ def _solved(
 def phase_functions(structure: Structure, name: PhaseName, equilibrium: Equilibrium = "explicit") -> PhaseFunctions:
     """Build (once) the functions of a phase under the prescribed law."""
     kind = KINDS[name]
-    if equilibrium == "explicit":
-        parameters, state = parameters_of(structure), ca.SX.sym("state", len(STATE))
-    else:
-        parameters, state = Parameters(structure, ca.MX), ca.MX.sym("state", len(STATE))
+    explicit = equilibrium == "explicit"
+    # A rootfinder cannot be part of an SX expression.
+    symbol: Any = ca.SX if explicit else ca.MX
+    parameters = parameters_of(structure) if explicit else Parameters(structure, ca.MX)
+    state = symbol.sym("state", len(STATE))
     length, elevation = state[1], state[2]
     flight = prescribed_state(Model(parameters), kind, length, elevation, equilibrium)
     # The traction is a mean over crosswind manoeuvres: it moves along the tether only.
-    crosswind = kind.course is None
-    rate = 0.0 if crosswind else kinematics.elevation_rate(flight.tangential_speed, kind.course, length)
+    course = kind.course
+    rate = 0.0 if course is None else kinematics.elevation_rate(flight.tangential_speed, course, length)
     rates = ca.vertcat(1.0, flight.reeling_speed, rate, flight.power)
     outputs = outputs_of(flight)
     return PhaseFunctions(

@@ -15,6 +15,9 @@ PhaseName = Literal["retraction", "transition", "traction"]
 #: The phases in the order of the cycle, which starts with the retraction (section 2.8 of the paper).
 PHASES: tuple[PhaseName, ...] = ("retraction", "transition", "traction")
 
+#: Changes between phases in a cycle, one after each phase.
+PHASE_CHANGES = len(PHASES)
+
 
 @dataclass(frozen=True)
 class PhaseKind:
@@ -40,9 +43,7 @@ class PhaseKind:
             return Position(tether_length, elevation, 0.0, self.course)
         p = model.parameters
         azimuth = radians(p["operation.traction.azimuth_deg"])
-        return Position(
-            tether_length, elevation, azimuth, Course.of_angle(radians(p["operation.traction.course_deg"]))
-        )
+        return Position(tether_length, elevation, azimuth, Course.of_angle(radians(p["operation.traction.course_deg"])))
 
 
 RETRACTION = PhaseKind("retraction", "depowered", UP)
@@ -54,7 +55,10 @@ KINDS: dict[PhaseName, PhaseKind] = {kind.name: kind for kind in (RETRACTION, TR
 
 @dataclass(frozen=True)
 class FlownPhase:
-    """States (time, tether length, elevation in rad, energy) at the integrator's steps, shape (n, 4), from the start of the phase."""
+    """States (time, tether length, elevation in rad, energy) at the steps of an integrator.
+
+    Shape (n, 4); time and energy count from the start of the phase.
+    """
 
     name: PhaseName
     states: np.ndarray

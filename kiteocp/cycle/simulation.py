@@ -36,7 +36,12 @@ FEWEST_SAMPLES = 40
 
 
 def simulate(
-    problem: Problem, *, gravity: bool = True, time_step: float | None = None, equilibrium: Equilibrium = "explicit"
+    problem: Problem,
+    *,
+    gravity: bool = True,
+    time_step: float | None = None,
+    equilibrium: Equilibrium = "explicit",
+    phase_change_time_s: float = 0.0,
 ) -> Result:
     """Simulate the prescribed cycle of a problem.
 
@@ -52,6 +57,8 @@ def simulate(
     equilibrium
         ``explicit`` uses the closed form of the force-controlled state, ``rootfinder`` solves the residual at every
         point; they agree to the accuracy of the integration.
+    phase_change_time_s
+        Time that passes at each of the three phase changes without motion or energy; it counts in the cycle's means.
 
     Returns
     -------
@@ -70,7 +77,12 @@ def simulate(
     elevation = np.radians(values["operation.traction.elevation_deg"])
     lengths = values["operation.tether_length_min_m"] + values["operation.tether_length_max_m"]
     # eq:meantractionaltitude, with the nominal lengths.
-    cycle = cycle_summary(values, phases, traction_altitude_m=0.5 * lengths * float(np.sin(elevation)))
+    cycle = cycle_summary(
+        values,
+        phases,
+        traction_altitude_m=0.5 * lengths * float(np.sin(elevation)),
+        phase_change_time_s=phase_change_time_s,
+    )
     integration = {
         "scheme": "adaptive" if time_step is None else "finite-difference",
         "time_step": time_step,
@@ -82,12 +94,10 @@ def simulate(
         verb="simulate",
         problem=problem,
         status="ok",
-        warnings=tuple(
-            [*problem.warnings(), *validity_warnings(records, values), *limit_warnings(records, values)]
-        ),
+        warnings=tuple([*problem.warnings(), *validity_warnings(records, values), *limit_warnings(records, values)]),
         phases=phases,
         cycle=dict(cycle),
-        channels=channels_of(records, values),
+        channels=channels_of(records, values, phase_change_time_s),
         details={"simulation": integration},
     )
 
@@ -173,40 +183,33 @@ def cycle_error(values: ParameterValues, name: PhaseName, state: np.ndarray, rea
     """Say why a phase cannot go on from a state."""
     time, length, elevation = float(state[0]), float(state[1]), float(np.degrees(state[2]))
     facts = {"time_s": time, "tether_length_m": length, "elevation_deg": elevation}
-    at = f"after {time:.3g} s, at {length:.4g} m of tether and {elevation:.3g} deg elevation"
+    at = f"after {time:.3g} s at {length:.4g} m of tether and {elevation:.3g} deg elevation"
     try:
-        held = _held_state(values, name, length, elevation)
+        speed = _held_state(values, name, length, elevation)["reeling_speed"]
     except NoEquilibriumError as error:
-        return CycleError(f"the {name} cannot be flown: {at}, {error}", phase=name, cause=error.cause, facts=facts)
-    speed = held["reeling_speed"]
+        return CycleError(name, f"{at}: {error}", facts, reason=error.reason)
     facts["reeling_speed_m_s"] = speed
     if name == "traction" and speed <= 0:
-        text = (
-            f"the traction does not get under way: {at}, the kite cannot hold "
-            f"{values['operation.traction.tether_force_N']:.4g} N while reeling out"
+        force = values["operation.traction.tether_force_N"]
+        return CycleError(
+            name, f"{at}: the kite cannot hold {force:.4g} N while reeling out", facts, reason="force_too_high"
         )
-        return CycleError(text, phase=name, cause="force_too_high", facts=facts)
     if reason == "too_long":
-        text = f"the {name} does not end: {at}, the tether moves at {speed:.3g} m/s"
-        return CycleError(text, phase=name, cause="endless", facts=facts)
-    text = f"the {name} cannot be flown on: {at}, the next state has no equilibrium"
-    return CycleError(text, phase=name, cause="domain", facts=facts)
+        return CycleError(name, f"{at}: it goes on for ever, reeling at {speed:.3g} m/s", facts, reason="endless")
+    return CycleError(name, f"{at}: the next state has no equilibrium", facts, reason="domain")
 
 
 def _held_state(values: ParameterValues, name: PhaseName, length: float, elevation: float) -> dict[str, float]:
     """Solve the state at the force that the phase holds (in the transition at the lower one)."""
     setting = KINDS[name].setting
-    lift = values[f"kite.{setting}.lift_coefficient"]
-    drag_key = f"kite.{setting}.drag_coefficient"
-    drag = values[drag_key] if drag_key in values.structure.keys else lift / values[f"kite.{setting}.lift_to_drag"]
     crosswind = name == "traction"
     place = Place(
         length,
         elevation,
         values["operation.traction.azimuth_deg"] if crosswind else 0.0,
         {"retraction": 180.0, "transition": 0.0, "traction": values["operation.traction.course_deg"]}[name],
-        lift,
-        drag,
+        values[f"kite.{setting}.lift_coefficient"],
+        values.kite_drag_coefficient(setting),
     )
     reference = values.structure.choice("operation.force_reference")
     force = values[f"operation.{'traction' if crosswind else 'retraction'}.tether_force_N"]
@@ -222,7 +225,7 @@ def limit_warnings(records: Sequence[PhaseRecord], values: ParameterValues) -> l
     )
     warnings = []
     for key, quantity, sign, verb, unit in checks:
-        if f"limits.{key}" not in values.structure.keys:
+        if f"limits.{key}" not in values:
             continue
         limit = values[f"limits.{key}"]
         worst, phase = max((float(np.max(sign * record.output(quantity))), record.name) for record in records)

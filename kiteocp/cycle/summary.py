@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from kiteocp.cycle.phases import KINDS, PhaseName
+from kiteocp.cycle.phases import KINDS, PHASE_CHANGES, PhaseName
 from kiteocp.physics.aerodynamics import harvesting_factor
 from kiteocp.physics.equilibrium import OUTPUTS
 from kiteocp.physics.flight import OUTPUT_UNITS
@@ -96,10 +96,11 @@ def cycle_summary(
     phases: Mapping[str, Mapping[str, float]],
     *,
     traction_altitude_m: float,
-    phase_change_time_total_s: float = 0.0,
+    phase_change_time_s: float = 0.0,
 ) -> dict[str, float]:
-    """Return the cycle's duration, mean power (eq:pc_P_general), harvesting factor (eq:meanharvestfact) and altitude."""
-    duration = sum(phase["duration_s"] for phase in phases.values()) + phase_change_time_total_s
+    """Return duration, mean power (eq:pc_P_general), harvesting factor (eq:meanharvestfact) and mean altitude."""
+    pauses = PHASE_CHANGES * phase_change_time_s
+    duration = sum(phase["duration_s"] for phase in phases.values()) + pauses
     energy = sum(phase["energy_J"] for phase in phases.values())
     wind, density = (float(v) for v in air_function(values.structure)(traction_altitude_m, values.vector))
     power = energy / duration
@@ -110,7 +111,7 @@ def cycle_summary(
         "mean_harvesting_factor": float(harvesting_factor(power, density, wind, values["kite.projected_area_m2"])),
         "mean_traction_altitude_m": traction_altitude_m,
         "wind_speed_at_mean_traction_altitude_m_s": wind,
-        "phase_change_time_total_s": phase_change_time_total_s,
+        "phase_change_time_total_s": pauses,
     }
 
 

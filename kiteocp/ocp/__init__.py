@@ -1,1 +1,5 @@
-"""Placeholder docstring, replaced with the room."""
+"""Optimal pumping cycles: a generic multi-phase transcription, and the cycle problem written in it."""
+
+from kiteocp.ocp.solution import solve
+
+__all__ = ["solve"]

@@ -1,12 +1,13 @@
 """The optimal pumping cycle as an optimal control problem of three phases.
 
-States are tether length and elevation, the control is the radial tether force at the ground, and the inflow angle of the
-equilibrium is an algebraic variable whose residual must vanish at every collocation point. All numbers of the problem
-file are parameters: the program is built once for a structure and solved for any numbers.
+States are tether length and elevation, the control is the radial tether force at the ground, and the inflow angle of
+the equilibrium is an algebraic variable whose residual must vanish at every collocation point. All numbers of the
+problem file are parameters: the program is built once for a structure and solved for any numbers.
 """
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -14,7 +15,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from kiteocp.cycle.phases import PHASES, RETRACTION, TRACTION, TRANSITION, PhaseKind
+from kiteocp.cycle.phases import PHASE_CHANGES, PHASES, RETRACTION, TRACTION, TRANSITION, PhaseKind
 from kiteocp.ocp.collocation import PhaseMesh
 from kiteocp.ocp.declaration import (
     Link,
@@ -48,9 +49,6 @@ DISCRIMINANT_MIN = 1e-3
 #: Shortest retraction and transition, s; below, a phase has no meaning.
 SHORTEST = {"retraction": 0.5, "transition": 0.2}
 LONGEST_S = 3600.0
-
-#: Phase changes of a cycle, one between each two phases.
-PHASE_CHANGES = 3
 
 #: Rounding of the electrical power at zero, where generator and motor meet, W.
 POWER_ROUNDING_W = 10.0
@@ -115,13 +113,18 @@ def cycle_problem(structure: Structure, formulation: Formulation) -> OptimalCont
     traction, statics = builder.traction_phase()
     phases = [retraction, transition, traction]
     links = [
-        Link("tether length at the end of the retraction", transition.start["tether_length"] - retraction.end["tether_length"], scale=100.0),
-        Link("tether length at the end of the transition", traction.start["tether_length"] - transition.end["tether_length"], scale=100.0),
-        Link("tether length at the end of the traction", retraction.start["tether_length"] - traction.end["tether_length"], scale=100.0),
+        Link(
+            f"tether length at the end of the {before.name}",
+            after.start["tether_length"] - before.end["tether_length"],
+            scale=SCALES["tether_length"],
+        )
+        for before, after in itertools.pairwise([*phases, retraction])
+    ]
+    links += [
         Link("elevation at the end of the retraction", transition.start["elevation"] - retraction.end["elevation"]),
         Link("elevation at the end of the transition", transition.end["elevation"] - builder.traction_start),
         Link("elevation at the end of the traction", retraction.start["elevation"] - builder.traction_end),
-    ]  # fmt: skip
+    ]
     p = builder.parameters
     if "limits.stroke_min_m" in p:
         stroke = traction.end["tether_length"] - traction.start["tether_length"]
@@ -145,7 +148,7 @@ class _Builder:
         self.traction_end: Any = None
 
     def variable(self, name: str, phase: PhaseKind, quantity: str | None = None) -> Variable:
-        """A state with the limits of its quantity; an elevation is at least zero."""
+        """Return a state with the limits of its quantity; an elevation is at least zero."""
         quantity = quantity or name
         lower, upper = bounds_of(self.limits, self.parameters, phase.name, quantity)
         if quantity == "elevation" and phase is not TRACTION:
@@ -164,7 +167,9 @@ class _Builder:
                 lambda speed: kinematics.elevation_rate(speed, position.course, point["tether_length"]),
             )
 
-        return self.phase(kind, model, [self.variable("elevation", kind)], Variable("duration", SHORTEST[kind.name], LONGEST_S, 10.0))
+        return self.phase(
+            kind, model, [self.variable("elevation", kind)], Variable("duration", SHORTEST[kind.name], LONGEST_S, 10.0)
+        )
 
     def traction_phase(self) -> tuple[Phase, list[Static]]:
         """Crosswind flight at a mean state, its elevation constant, linear in time, free, or tied to the course."""
@@ -172,30 +177,26 @@ class _Builder:
         duration = Variable("duration", p["limits.traction_duration_min_s"], LONGEST_S, 10.0)
         rate_max = radians(p["limits.traction_elevation_rate_max_deg_s"])
         states, controls, statics = [], [], []
-        if mode in ("constant", "linear"):
-            bounds = self.variable("elevation", TRACTION)
-            names = ["traction_elevation"] if mode == "constant" else ["traction_elevation_start", "traction_elevation_end"]
-            statics = [Static(name, bounds.lower, bounds.upper) for name in names]
-            self.traction_start, self.traction_end = statics[0].symbol, statics[-1].symbol
+        elevation_variable = self.variable("elevation", TRACTION)
+        if mode == "constant":
+            statics = [Static("elevation", elevation_variable.lower, elevation_variable.upper)]
         else:
-            states = [self.variable("elevation", TRACTION)]
-            controls = (
-                [Variable("elevation_rate", -rate_max, rate_max, 0.01)]
-                if mode == "free"
-                else [Variable("course", 0.0, np.pi)]
-            )
+            states = [elevation_variable]
+        if mode == "linear":
+            statics = [Static("elevation_rate", scale=0.01)]
+        elif mode == "free":
+            controls = [Variable("elevation_rate", -rate_max, rate_max, 0.01)]
+        elif mode == "course-coupled":
+            controls = [Variable("course", 0.0, np.pi)]
+        fixed = {static.name: static.symbol for static in statics}
 
         def model(point: Point) -> PointExpressions:
             length = point["tether_length"]
-            if mode == "constant":
-                elevation = self.traction_start
-            elif mode == "linear":
-                elevation = self.traction_start + (self.traction_end - self.traction_start) * point.time / point.duration
-            else:
-                elevation = point["elevation"]
+            elevation = fixed["elevation"] if mode == "constant" else point["elevation"]
             nominal = TRACTION.position(self.model, length, elevation)
             if mode != "course-coupled":
-                return self.expressions(TRACTION, point, nominal, lambda _: point["elevation_rate"] if mode == "free" else None)
+                rate = fixed.get("elevation_rate", point.values.get("elevation_rate"))
+                return self.expressions(TRACTION, point, nominal, lambda _: rate)
             course = Course.of_angle(point["course"])
             # At the mean course of the file the manoeuvre is closed and keeps its elevation; any other makes it climb.
             drift = Course(course.cosine - nominal.course.cosine, 0.0)
@@ -205,7 +206,9 @@ class _Builder:
             )
 
         phase = self.phase(TRACTION, model, states, duration, controls)
-        if not statics:
+        if mode == "constant":
+            self.traction_start = self.traction_end = fixed["elevation"]
+        else:
             self.traction_start, self.traction_end = phase.start["elevation"], phase.end["elevation"]
         return phase, statics
 
@@ -217,7 +220,7 @@ class _Builder:
         duration: Variable,
         controls: list[Variable] | None = None,
     ) -> Phase:
-        """What all phases share: tether length, force, inflow angle, and the acceleration of the winch."""
+        """Declare what all phases share: tether length, force, inflow angle, and the acceleration of the winch."""
         acceleration = self.parameters["limits.reeling_acceleration_max_m_s2"]
         controls = [Variable("radial_ground_force", 0.0, np.inf, SCALES["radial_ground_force"]), *(controls or [])]
         if self.formulation.schedules_power_setting(kind):
@@ -239,7 +242,7 @@ class _Builder:
         setting = point["power_setting"] if self.formulation.schedules_power_setting(kind) else kind.setting
         around = self.model.surroundings(position, self.model.coefficients(setting))
         state = self.model.state_at_force(position, around, point["radial_ground_force"], point["inflow_angle"])
-        # Elevation and inflow angle are outputs only where they are not variables, so that every name has one meaning.
+        # What is a variable is not an output as well: every name has one meaning.
         outputs = {name: value for name, value in outputs_of(state).items() if name not in point.values}
         outputs["objective_power"] = self.objective_power(state.power)
         derivatives = {"tether_length": state.reeling_speed}
@@ -253,8 +256,6 @@ class _Builder:
         if kind.course is None:
             forward = (around.wind.along_course - state.tangential_speed) / around.wind_speed
             constraints.append(PathConstraint("forward flight", forward**2, DISCRIMINANT_MIN, np.inf))
-        if self.formulation.traction_elevation == "linear" and kind is TRACTION:
-            outputs["elevation"] = position.elevation
         return PointExpressions(derivatives, [Residual("equilibrium", state.residual)], constraints, outputs)
 
     def objective_power(self, power: Any) -> Any:
@@ -269,5 +270,3 @@ class _Builder:
 
 def _infinite(bound: Any) -> bool:
     return isinstance(bound, float) and not np.isfinite(bound)
-
-

@@ -29,7 +29,7 @@ class PathLimit:
     side
         Whether it is a lower or an upper bound of the quantity.
     factor
-        The quantity's bound is this times the number in the file (unit conversion; -1 for speeds and powers reeling in).
+        The quantity's bound is this times the number in the file: a unit, and -1 for speeds and powers reeling in.
     phases
         Where it holds.
     """

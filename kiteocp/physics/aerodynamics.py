@@ -14,7 +14,7 @@ def total_drag_coefficient(
     tether_diameter: Any,
     tether_drag_coefficient: Any,
 ) -> Any:
-    """Drag coefficient of kite and tether, a quarter of the tether's drag area lumped to the kite (eq:totaldragcoeff)."""
+    """Drag coefficient of the kite with a quarter of the tether's drag area lumped to it (eq:totaldragcoeff)."""
     return kite_drag_coefficient + 0.25 * tether_diameter * tether_length / projected_area * tether_drag_coefficient
 
 

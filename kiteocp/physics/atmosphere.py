@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Any
 
@@ -34,7 +35,7 @@ def tabulated_wind_speed(height: Any, heights: Sequence[Any], speeds: Sequence[A
     heights, speeds
         The table, strictly increasing heights (m) and speeds (m/s), two entries or more.
     """
-    steps = [upper - lower for lower, upper in zip(heights[:-1], heights[1:], strict=True)]
+    steps = [upper - lower for lower, upper in itertools.pairwise(heights)]
     secants = [(b - a) / step for a, b, step in zip(speeds[:-1], speeds[1:], steps, strict=True)]
     # Zero slope at both ends joins the constant continuation with a continuous derivative.
     slopes: list[Any] = [0.0]

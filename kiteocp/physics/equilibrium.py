@@ -111,9 +111,7 @@ def paper_iteration(
     target = around.lift_coefficient / around.drag_coefficient
     kappa = target
     for _ in range(iterations):
-        state = model.state_at_reeling_speed(
-            position, around, reeling_factor * around.wind_speed, ca.atan(kappa)
-        )
+        state = model.state_at_reeling_speed(position, around, reeling_factor * around.wind_speed, ca.atan(kappa))
         # The residual is the cosine of eq:F_a_projection less that of the drag.
         cosine = state.residual + around.drag_coefficient / around.resultant_coefficient
         kappa = kappa * ca.sqrt(target / ca.sqrt(1 / cosine**2 - 1))

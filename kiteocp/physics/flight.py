@@ -145,7 +145,7 @@ def solve_state(values: ParameterValues, place: Place, control: str, value: floa
     Raises
     ------
     NoEquilibriumError
-        With ``cause`` one of ``force_below_sag``, ``slack``, ``reeling_too_fast``, ``crosswind``, ``too_heavy``,
+        With ``reason`` one of ``force_below_sag``, ``slack``, ``reeling_too_fast``, ``crosswind``, ``too_heavy``,
         ``falling``.
     """
     functions = equilibrium_functions(values.structure, control)
@@ -187,10 +187,10 @@ def _domain(
         radial = wind_radial - probe["reeling_speed"]
         if radial <= 0:
             raise NoEquilibriumError(
-                f"no equilibrium {_where(place)}: the kite reels out at {probe['reeling_speed']:.3g} m/s, "
+                f"{_where(place)}: the kite reels out at {probe['reeling_speed']:.3g} m/s, "
                 f"but the wind blows only at {wind_radial:.3g} m/s along the tether",
-                cause="reeling_too_fast",
                 facts={**facts, "reeling_speed_m_s": probe["reeling_speed"], "wind_along_tether_m_s": wind_radial},
+                reason="reeling_too_fast",
             )
         # The force must at least carry the weight across the tether: a lower bound on the apparent wind speed.
         base = float(functions.state(angle=0.0, arguments=arguments)["aerodynamic_force"])
@@ -201,23 +201,23 @@ def _domain(
     force = arguments[-1]
     if control != "radial_ground_force" and force < probe["sag"]:
         raise NoEquilibriumError(
-            f"no equilibrium {_where(place)}: a tether force of {force:.4g} N is less than the sag of the tether "
+            f"{_where(place)}: a tether force of {force:.4g} N is less than the sag of the tether "
             f"alone asks for ({probe['sag']:.4g} N)",
-            cause="force_below_sag",
             facts={**facts, "sag_N": probe["sag"]},
+            reason="force_below_sag",
         )
     if probe["radial_ground_force"] < 0:
         raise NoEquilibriumError(
-            f"no equilibrium {_where(place)}: with {force:.4g} N the tether is slack at the ground",
-            cause="slack",
+            f"{_where(place)}: with {force:.4g} N the tether is slack at the ground",
             facts=facts,
+            reason="slack",
         )
     if crosswind >= probe["apparent_wind_speed"]:
         raise NoEquilibriumError(
-            f"no equilibrium {_where(place)}: the wind across the course ({crosswind:.3g} m/s) is stronger than "
+            f"{_where(place)}: the wind across the course ({crosswind:.3g} m/s) is stronger than "
             f"the apparent wind that the force allows ({probe['apparent_wind_speed']:.3g} m/s)",
-            cause="crosswind",
             facts={**facts, "crosswind_m_s": crosswind, "apparent_wind_speed_m_s": probe["apparent_wind_speed"]},
+            reason="crosswind",
         )
     return float(np.arcsin(crosswind / probe["apparent_wind_speed"])) + 1e-9, np.pi / 2 - 1e-9
 
@@ -225,16 +225,16 @@ def _domain(
 def _no_root(residuals: np.ndarray, place: Place, facts: dict[str, Any]) -> NoEquilibriumError:
     if residuals.size and residuals[-1] > 0:
         return NoEquilibriumError(
-            f"no equilibrium {_where(place)}: gravity pulls the kite down faster than the air can carry it "
+            f"{_where(place)}: gravity pulls the kite down faster than the air can carry it "
             "(its kinematic ratio tends to infinity)",
-            cause="falling",
             facts=facts,
+            reason="falling",
         )
     return NoEquilibriumError(
-        f"no equilibrium {_where(place)}: the kite is too heavy for the lift it has on this course "
+        f"{_where(place)}: the kite is too heavy for the lift it has on this course "
         "(its kinematic ratio tends to zero)",
-        cause="too_heavy",
         facts=facts,
+        reason="too_heavy",
     )
 
 

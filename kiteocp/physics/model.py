@@ -213,7 +213,9 @@ class Model:
         radial_force = radial_ground_force + around.weight_along
         force = ca.sqrt(radial_force**2 + around.weight_across**2)
         apparent_wind_speed = self.apparent_wind_speed_of_force(around, force)
-        return self._state(position, around, radial_ground_force, radial_force, force, apparent_wind_speed, inflow_angle)
+        return self._state(
+            position, around, radial_ground_force, radial_force, force, apparent_wind_speed, inflow_angle
+        )
 
     def state_at_reeling_speed(
         self, position: Position, around: Surroundings, reeling_speed: Any, inflow_angle: Any
@@ -223,7 +225,9 @@ class Model:
         force = self.aerodynamic_force(around, apparent_wind_speed)
         radial_force = ca.sqrt(force**2 - around.weight_across**2)
         radial_ground_force = radial_force - around.weight_along
-        return self._state(position, around, radial_ground_force, radial_force, force, apparent_wind_speed, inflow_angle)
+        return self._state(
+            position, around, radial_ground_force, radial_force, force, apparent_wind_speed, inflow_angle
+        )
 
     @staticmethod
     def _state(
@@ -240,9 +244,8 @@ class Model:
         reeling_speed = around.wind.radial - radial_wind
         # Polar component of the apparent wind (eq:Vapp_definition2): the wind's is what its two parts have of it.
         polar_wind = (
-            (around.wind.along_course - tangential) * position.course.cosine
-            - around.wind.across_course * position.course.sine
-        )
+            around.wind.along_course - tangential
+        ) * position.course.cosine - around.wind.across_course * position.course.sine
         # Cosine of the angle between force and apparent wind against the drag's share of the force (eq:F_a_projection);
         # the force across the tether only balances the weight (eq:F_a_theta).
         cosine = (radial_force * radial_wind - around.weight_across * polar_wind) / (force * apparent_wind_speed)

@@ -59,6 +59,18 @@ class ParameterValues:
     def __getitem__(self, key: str) -> float:
         return float(self.vector[self.structure.keys.index(key)])
 
+    def __contains__(self, key: str) -> bool:
+        return key in self.structure.keys
+
+    def kite_drag_coefficient(self, setting: str) -> float:
+        """Drag coefficient of the kite without the tether, ``powered`` or ``depowered``, however the file gives it."""
+        key = f"kite.{setting}.drag_coefficient"
+        return (
+            self[key]
+            if key in self
+            else self[f"kite.{setting}.lift_coefficient"] / self[f"kite.{setting}.lift_to_drag"]
+        )
+
     def replaced(self, changes: Mapping[str, float]) -> ParameterValues:
         """Return the same with other numbers, without the checks of a problem file."""
         vector = self.vector.copy()
@@ -97,7 +109,7 @@ class Parameters:
 
     def __init__(self, structure: Structure, symbol: type[ca.SX] | type[ca.MX] = ca.SX) -> None:
         self.structure = structure
-        self.vector = symbol.sym("p", len(structure.keys))
+        self.vector: Any = symbol.sym("p", len(structure.keys))
         self._symbols = dict(zip(structure.keys, ca.vertsplit(self.vector), strict=True))
 
     def __getitem__(self, key: str) -> Any:

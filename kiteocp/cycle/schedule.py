@@ -1,0 +1,174 @@
+"""A phase flown by a schedule: the independent forward integration by which an optimum is checked.
+
+The schedule is piecewise polynomial in time. What it gives is what a controller holds (radial tether force at the
+ground, power setting, and in the traction the rate of the mean elevation or the mean course); where the kite goes
+follows from the closed form of the equilibrium and the adaptive integrator, which share nothing with the collocation.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import casadi as ca
+import numpy as np
+
+from kiteocp.cycle.integrator import IntegrationError, Integrator
+from kiteocp.cycle.laws import STATE
+from kiteocp.cycle.phases import KINDS, FlownPhase, PhaseName
+from kiteocp.cycle.simulation import LONGEST_PHASE_S, SCALES, cycle_error
+from kiteocp.physics import kinematics
+from kiteocp.physics.equilibrium import OUTPUTS, explicit_state, outputs_of
+from kiteocp.physics.kinematics import Course
+from kiteocp.physics.model import Model, Position
+from kiteocp.physics.parameters import ParameterValues, Structure, parameters_of
+
+#: What a schedule may give; the first is always given, the others where the phase does not prescribe them.
+SCHEDULED = ("radial_ground_force", "power_setting", "elevation_rate", "course")
+
+#: Highest polynomial degree of a piece plus one.
+COEFFICIENTS = 8
+
+
+@dataclass(frozen=True)
+class Schedule:
+    """Polynomials of time for one phase.
+
+    Attributes
+    ----------
+    name
+        The phase.
+    borders_s
+        Ends of the pieces, from 0 to the duration of the phase, shape (pieces + 1,).
+    coefficients
+        For each scheduled quantity the polynomial coefficients, lowest first, in the time since the start of the piece
+        over its width, shape (pieces, at most COEFFICIENTS).
+    """
+
+    name: PhaseName
+    borders_s: np.ndarray
+    coefficients: Mapping[str, np.ndarray]
+
+    @property
+    def quantities(self) -> tuple[str, ...]:
+        """The scheduled quantities, in the order of `SCHEDULED`."""
+        return tuple(name for name in SCHEDULED if name in self.coefficients)
+
+    def piece(self, index: int) -> np.ndarray:
+        """Return the numbers of one piece as the functions take them: start, width, coefficients."""
+        start, end = self.borders_s[index], self.borders_s[index + 1]
+        rows = []
+        for name in self.quantities:
+            row = np.zeros(COEFFICIENTS)
+            given = self.coefficients[name][index]
+            row[: given.size] = given
+            rows.append(row)
+        return np.concatenate([[start, end - start], *rows])
+
+    def value(self, name: str, time_s: np.ndarray) -> np.ndarray:
+        """Return a scheduled quantity at times within the phase, shape as ``time_s``."""
+        index = np.clip(np.searchsorted(self.borders_s, time_s, side="right") - 1, 0, self.borders_s.size - 2)
+        s = (time_s - self.borders_s[index]) / np.diff(self.borders_s)[index]
+        powers = s[:, None] ** np.arange(self.coefficients[name].shape[1])
+        values: np.ndarray = np.sum(self.coefficients[name][index] * powers, axis=1)
+        return values
+
+
+@dataclass(frozen=True)
+class ScheduleFunctions:
+    """CasADi functions of a phase flown by a schedule; the parameters are the problem's and one piece's.
+
+    ``rates(state, p and piece)``; ``outputs(tether length, elevation, scheduled quantities, p)``.
+    """
+
+    rates: ca.Function
+    outputs: ca.Function
+
+
+@lru_cache(maxsize=64)
+def schedule_functions(structure: Structure, name: PhaseName, quantities: tuple[str, ...]) -> ScheduleFunctions:
+    """Build (once) the functions of a phase for a set of scheduled quantities."""
+    kind, parameters = KINDS[name], parameters_of(structure)
+    model = Model(parameters)
+    length, elevation = ca.SX.sym("tether_length"), ca.SX.sym("elevation")
+    scheduled = {quantity: ca.SX.sym(quantity) for quantity in quantities}
+    position = nominal = kind.position(model, length, elevation)
+    if "course" in scheduled:
+        position = Position(length, elevation, nominal.azimuth, Course.of_angle(scheduled["course"]))
+    around = model.surroundings(position, model.coefficients(scheduled.get("power_setting", kind.setting)))
+    flight = explicit_state(model, position, around, scheduled["radial_ground_force"])
+    if kind.course is not None:
+        rate = kinematics.elevation_rate(flight.tangential_speed, kind.course, length)
+    elif "course" in scheduled:
+        drift = Course(position.course.cosine - nominal.course.cosine, 0.0)
+        rate = kinematics.elevation_rate(flight.tangential_speed, drift, length)
+    else:
+        rate = scheduled.get("elevation_rate", ca.SX(0.0))
+    values = ca.vertcat(*scheduled.values())
+    outputs = outputs_of(flight)
+    point = ca.Function(
+        "point",
+        [length, elevation, values, parameters.vector],
+        [
+            ca.densify(ca.vertcat(flight.reeling_speed, rate, flight.power)),
+            ca.densify(ca.vertcat(*(outputs[output] for output in OUTPUTS))),
+        ],
+    )
+    state = ca.SX.sym("state", len(STATE))
+    piece = ca.SX.sym("piece", 2 + COEFFICIENTS * len(quantities))
+    s = (state[0] - piece[0]) / piece[1]
+    powers = ca.vertcat(*(s**k for k in range(COEFFICIENTS)))
+    table = ca.reshape(piece[2:], COEFFICIENTS, len(quantities))
+    movement, _ = point(state[1], state[2], table.T @ powers, parameters.vector)
+    arguments = ca.vertcat(parameters.vector, piece)
+    rates = ca.Function("rates", [state, arguments], [ca.densify(ca.vertcat(1.0, movement))])
+    at = ca.Function(
+        "outputs",
+        [length, elevation, values, parameters.vector],
+        [point(length, elevation, values, parameters.vector)[1]],
+    )
+    return ScheduleFunctions(rates, at)
+
+
+@lru_cache(maxsize=64)
+def _integrator(structure: Structure, name: PhaseName, quantities: tuple[str, ...]) -> Integrator:
+    return Integrator(schedule_functions(structure, name, quantities).rates, 0, True, SCALES)
+
+
+def fly_schedule(
+    values: ParameterValues, schedule: Schedule, tether_length_m: float, elevation_rad: float
+) -> FlownPhase:
+    """Integrate a phase under its schedule, from a given place.
+
+    Raises
+    ------
+    CycleError
+        A state on the way does not exist.
+    """
+    integrator = _integrator(values.structure, schedule.name, schedule.quantities)
+    state = np.array([0.0, tether_length_m, elevation_rad, 0.0])
+    states = [state[None, :]]
+    for index in range(schedule.borders_s.size - 1):
+        arguments = np.concatenate([values.vector, schedule.piece(index)])
+        try:
+            flown = integrator.run(state, arguments, float(schedule.borders_s[index + 1]), LONGEST_PHASE_S)
+        except IntegrationError as error:
+            raise cycle_error(values, schedule.name, error.state, error.reason) from None
+        states.append(flown[1:])
+        state = flown[-1]
+    return FlownPhase(schedule.name, np.concatenate(states))
+
+
+def outputs_on_schedule(
+    values: ParameterValues,
+    schedule: Schedule,
+    time_s: np.ndarray,
+    tether_length_m: np.ndarray,
+    elevation_rad: np.ndarray,
+) -> np.ndarray:
+    """Evaluate the quantities of `OUTPUTS` along a phase, shape (len(OUTPUTS), n), from the place and the schedule."""
+    functions = schedule_functions(values.structure, schedule.name, schedule.quantities)
+    scheduled = np.array([schedule.value(name, time_s) for name in schedule.quantities])
+    mapped = functions.outputs.map(time_s.size)
+    return np.asarray(mapped(tether_length_m[None, :], elevation_rad[None, :], scheduled, values.vector))

@@ -1,0 +1,176 @@
+"""An optimal cycle read off a solution: schedules, dense records, active limits, and its re-simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kiteocp.cycle.phases import PHASES, FlownPhase, PhaseName
+from kiteocp.cycle.schedule import SCHEDULED, Schedule, fly_schedule, outputs_on_schedule
+from kiteocp.cycle.summary import PhaseRecord
+from kiteocp.ocp.collocation import radau_points
+from kiteocp.ocp.limits import path_limits
+from kiteocp.ocp.nlp import NonlinearProgram
+from kiteocp.ocp.nlpsolver import Solution
+from kiteocp.ocp.trajectory import PhaseTrajectory, Trajectory
+from kiteocp.physics.parameters import ParameterValues
+
+#: A limit counts as active where its quantity is this near, relative to the limit (or to 1 % of its range).
+ACTIVE_WITHIN = 2e-3
+
+#: Samples of a phase in records: about ten in each mesh interval of the default mesh.
+SAMPLES = 121
+
+
+@dataclass(frozen=True)
+class OptimalCycle:
+    """A solution of the cycle problem in the words of the cycle.
+
+    Attributes
+    ----------
+    values
+        The problem's numbers.
+    trajectory
+        The collocation solution.
+    schedules
+        What a controller would hold, for each phase in order.
+    records
+        The phases sampled on the collocation polynomials, with the equilibrium solved at every sample.
+    """
+
+    values: ParameterValues
+    trajectory: Trajectory
+    schedules: tuple[Schedule, ...]
+    records: tuple[PhaseRecord, ...]
+
+    @classmethod
+    def of(cls, program: NonlinearProgram, solution: Solution, values: ParameterValues) -> OptimalCycle:
+        """Read a solution."""
+        trajectory = program.unpack(solution.x, solution.p)
+        schedules = tuple(schedule_of(trajectory, name) for name in PHASES)
+        records = tuple(_record(values, trajectory, schedule) for schedule in schedules)
+        return cls(values, trajectory, schedules, records)
+
+    @property
+    def energy_J(self) -> float:
+        """Mechanical energy of the cycle."""
+        return sum(record.energy_J for record in self.records)
+
+    def resimulate(self) -> list[FlownPhase]:
+        """Fly the schedules by the independent integrator, each phase from where the last one ended.
+
+        Raises
+        ------
+        CycleError
+            A state on the way does not exist.
+        """
+        first = self.records[0]
+        length, elevation = float(first.tether_length_m[0]), float(first.elevation_rad[0])
+        flown = []
+        for schedule in self.schedules:
+            flown.append(fly_schedule(self.values, schedule, length, elevation))
+            length, elevation = (float(v) for v in flown[-1].states[-1, 1:3])
+        return flown
+
+
+def schedule_of(trajectory: Trajectory, name: PhaseName) -> Schedule:
+    """Read the schedule of a phase off a solution: the polynomial of every control in every mesh interval."""
+    phase = trajectory[name]
+    count, degree = phase.mesh.intervals, phase.mesh.degree
+    inverse = np.linalg.inv(np.vander(radau_points(degree), increasing=True))
+    controls = {variable.name for variable in phase.phase.controls}
+    coefficients = {
+        quantity: phase.values[quantity].reshape(count, degree) @ inverse.T
+        for quantity in SCHEDULED
+        if quantity in controls
+    }
+    if name == "traction" and "elevation_rate" in trajectory.statics:
+        coefficients["elevation_rate"] = np.full((count, 1), trajectory.statics["elevation_rate"])
+    return Schedule(name, phase.mesh.borders * phase.duration, coefficients)
+
+
+def _record(values: ParameterValues, trajectory: Trajectory, schedule: Schedule) -> PhaseRecord:
+    phase = trajectory[schedule.name]
+    fractions = np.linspace(0.0, 1.0, SAMPLES)
+    time = fractions * phase.duration
+    states = phase.mesh.state_matrix(fractions)
+    length = states @ phase.values["tether_length"]
+    if "elevation" in phase.values:
+        elevation = states @ phase.values["elevation"]
+    else:
+        elevation = np.full(SAMPLES, trajectory.statics["elevation"])
+    outputs = outputs_on_schedule(values, schedule, time, length, elevation)
+    return PhaseRecord(schedule.name, time, length, elevation, outputs, phase.integrals["power"])
+
+
+def quantity_of(record: PhaseRecord, name: str) -> np.ndarray:
+    """Return a limited quantity over a record, a place or an output, in SI units, shape (n,)."""
+    places = {"tether_length": record.tether_length_m, "elevation": record.elevation_rad}
+    return places[name] if name in places else record.output(name)
+
+
+def active_limits(cycle: OptimalCycle) -> dict[str, list[dict[str, Any]]]:
+    """List for each phase the limits it runs into, with the share of its time, longest first.
+
+    A limit of the phase as a whole (its shortest duration, the stroke) has a share of 1.
+    """
+    values = cycle.values
+    found: dict[str, list[dict[str, Any]]] = {}
+    for record in cycle.records:
+        entries = []
+        for limit in path_limits(values.structure):
+            if record.name not in limit.phases:
+                continue
+            bound = limit.bound(values)
+            near = np.abs(quantity_of(record, limit.quantity) - bound) <= ACTIVE_WITHIN * max(abs(bound), 1e-3)
+            held = near.astype(float)
+            # The phase's own ends count as well: a length that is just reached has no duration.
+            share = float(np.trapezoid(held, record.time_s) / record.duration_s)
+            if near.any():
+                entries.append({"limit": limit.key, "value": values[limit.key], "share": share})
+        entries += _rate_limits(cycle, record)
+        if record.name == "traction":
+            entries += _whole_limits(values, record)
+        found[record.name] = sorted(entries, key=lambda entry: -entry["share"])
+    return found
+
+
+def _rate_limits(cycle: OptimalCycle, record: PhaseRecord) -> list[dict[str, Any]]:
+    key = "limits.reeling_acceleration_max_m_s2"
+    phase: PhaseTrajectory = cycle.trajectory[record.name]
+    speed, limit = phase.values["reeling_speed"], cycle.values[key]
+    steps = np.diff(phase.mesh.points) * phase.duration
+    active = np.abs(np.diff(speed)) / steps >= (1 - ACTIVE_WITHIN) * limit
+    share = float(np.sum(steps[active]) / phase.duration)
+    return [{"limit": key, "value": limit, "share": share}] if share else []
+
+
+def _whole_limits(values: ParameterValues, record: PhaseRecord) -> list[dict[str, Any]]:
+    stroke = float(record.tether_length_m[-1] - record.tether_length_m[0])
+    reached = {"limits.traction_duration_min_s": record.duration_s, "limits.stroke_min_m": stroke}
+    return [
+        {"limit": key, "value": values[key], "share": 1.0}
+        for key, value in reached.items()
+        if key in values and value <= values[key] * (1 + ACTIVE_WITHIN)
+    ]
+
+
+def speed_jumps(records: Sequence[PhaseRecord], values: ParameterValues) -> list[dict[str, Any]]:
+    """Compare the change of reeling speed between phases with what the winch can do in the phase-change time."""
+    allowed = values["limits.reeling_acceleration_max_m_s2"] * values["limits.phase_change_time_s"]
+    jumps = []
+    for before, after in zip(records, [*records[1:], records[0]], strict=True):
+        jump = float(after.output("reeling_speed")[0] - before.output("reeling_speed")[-1])
+        jumps.append(
+            {
+                "from_phase": before.name,
+                "to_phase": after.name,
+                "jump_m_s": jump,
+                "allowed_m_s": allowed,
+                "time_needed_s": abs(jump) / values["limits.reeling_acceleration_max_m_s2"],
+            }
+        )
+    return jumps

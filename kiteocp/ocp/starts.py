@@ -1,0 +1,104 @@
+"""Starting points of the optimal cycle: crude cycles from which IPOPT finds its way, cold."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from kiteocp.ocp.nlp import NonlinearProgram
+from kiteocp.ocp.trajectory import Guess, PhaseGuess, Profile
+from kiteocp.physics.aerodynamics import total_drag_coefficient
+from kiteocp.physics.parameters import ParameterValues
+
+
+@dataclass(frozen=True)
+class Start:
+    """A crude cycle of straight lines.
+
+    Attributes
+    ----------
+    name
+        For the report.
+    traction_elevation_deg, top_elevation_deg
+        Elevation of the traction, and at the end of the retraction.
+    stroke_share
+        Stroke as a share of the range of tether lengths, from the shortest tether on.
+    durations_s
+        Of retraction, transition and traction.
+    """
+
+    name: str
+    traction_elevation_deg: float
+    top_elevation_deg: float
+    stroke_share: float
+    durations_s: tuple[float, float, float]
+
+
+#: Long strokes and short cycles are the two kinds of local optima that were seen; one start near each.
+STARTS = (
+    Start("long stroke", 27.0, 70.0, 1.0, (45.0, 8.0, 45.0)),
+    Start("short cycle", 22.0, 40.0, 0.2, (15.0, 4.0, 20.0)),
+)
+
+#: Forces of the start over the limits: a little inside them.
+TRACTION_FORCE_SHARE = 0.9
+RETRACTION_FORCE_SHARE = 1.1
+
+
+def guess_of(start: Start, values: ParameterValues, program: NonlinearProgram) -> Guess:
+    """Return the values of a start for the variables a program has.
+
+    Parameters
+    ----------
+    start
+        The crude cycle.
+    values
+        The problem's numbers.
+    program
+        Decides which variables there are; the values serve any mesh.
+    """
+    shortest, longest = values["limits.tether_length_min_m"], values["limits.tether_length_max_m"]
+    end = shortest + start.stroke_share * (longest - shortest)
+    lowest, highest = values["limits.tether_force_min_N"], values["limits.tether_force_max_N"]
+    low, top = np.radians([start.traction_elevation_deg, start.top_elevation_deg])
+    lengths = {"retraction": (end, shortest), "transition": (shortest, shortest), "traction": (shortest, end)}
+    elevations = {"retraction": (low, top), "transition": (top, low), "traction": (low, low)}
+    forces = {
+        "retraction": RETRACTION_FORCE_SHARE * lowest,
+        "transition": 0.5 * (lowest + highest),
+        "traction": TRACTION_FORCE_SHARE * highest,
+    }
+    phases = {}
+    for phase, duration in zip(program.problem.phases, start.durations_s, strict=True):
+        setting = "depowered" if phase.name == "retraction" else "powered"
+        profiles: dict[str, Profile] = {
+            "tether_length": _line(*lengths[phase.name]),
+            "elevation": _line(*elevations[phase.name]),
+            "radial_ground_force": forces[phase.name],
+            # The massless kite's (eq:triangle_similarity), with the drag of half the longest tether.
+            "inflow_angle": float(np.arctan(_lift_to_drag(values, setting, 0.5 * longest))),
+            "power_setting": 0.1 if setting == "depowered" else 0.9,
+            "elevation_rate": 0.0,
+            "course": float(np.radians(values["operation.traction.course_deg"])),
+        }
+        names = [v.name for v in (*phase.states, *phase.algebraics, *phase.controls)]
+        phases[phase.name] = PhaseGuess(duration, {name: profiles[name] for name in names})
+    fixed = {"elevation": float(low), "elevation_rate": 0.0}
+    return Guess(phases, {static.name: fixed[static.name] for static in program.problem.statics})
+
+
+def _line(start: float, end: float) -> Profile:
+    return lambda fractions: start + (end - start) * fractions
+
+
+def _lift_to_drag(values: ParameterValues, setting: str, tether_length: float) -> float:
+    lift = values[f"kite.{setting}.lift_coefficient"]
+    drag = total_drag_coefficient(
+        values.kite_drag_coefficient(setting),
+        values["kite.projected_area_m2"],
+        tether_length,
+        values["tether.diameter_m"],
+        values["tether.drag_coefficient"],
+    )
+    return float(lift / drag)
