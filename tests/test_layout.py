@@ -1,0 +1,82 @@
+"""The shape of the package: which room may import which, and what stays out of a start."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import yaml
+
+import kiteocp
+
+PACKAGE = Path(kiteocp.__file__).parent
+ROOT = PACKAGE.parent
+#: Each may import only from itself and those before it.
+ROOMS = ("errors", "problem", "result", "physics", "cycle", "ocp", "analysis", "plots", "cli")
+HEAVY = ("casadi", "matplotlib", "numpy", "scipy")
+MODULES = sorted(path for path in PACKAGE.rglob("*.py") if path.parent != PACKAGE or path.stem in ROOMS)
+
+
+def room_of(path: Path) -> str:
+    return path.relative_to(PACKAGE).with_suffix("").parts[0]
+
+
+def imports(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield line and dotted name of everything a module imports, anywhere in it."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            # A relative import would hide the room it comes from.
+            assert node.level == 0, f"{path}:{node.lineno}: relative import"
+            yield from ((node.lineno, f"{node.module}.{alias.name}") for alias in node.names)
+
+
+@pytest.mark.parametrize("path", MODULES, ids=lambda path: str(path.relative_to(PACKAGE)))
+def test_imports_go_one_way(path: Path) -> None:
+    room = room_of(path)
+    allowed = ROOMS[: ROOMS.index(room) + 1]
+    for line, name in imports(path):
+        package, _, rest = name.partition(".")
+        target = rest.partition(".")[0]
+        if package == "kiteocp" and target in ROOMS:
+            assert target in allowed, f"{path}:{line}: {room} imports {name}"
+        if package == "matplotlib":
+            assert room == "plots", f"{path}:{line}: only plots imports matplotlib"
+
+
+def test_every_room_has_its_place_in_the_order() -> None:
+    assert {room_of(path) for path in MODULES} <= set(ROOMS)
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import kiteocp",
+        "import kiteocp.problem; kiteocp.problem.load_problem('v3-kite')",
+        "import kiteocp.cli.main",
+        "from kiteocp.cli.main import main\ntry: main(['--help'])\nexcept SystemExit: pass",
+        "from kiteocp.cli.main import main\ntry: main(['list'])\nexcept SystemExit: pass",
+    ],
+)
+def test_a_light_start_loads_nothing_heavy(code: str) -> None:
+    report = f"{code}\nimport sys\nprint('loaded:', *[name for name in {HEAVY} if name in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", report], capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "loaded:"
+
+
+def test_versions_and_licence_agree() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
+    assert citation["version"] == project["version"]
+    assert citation["license"] == project["license"] == (ROOT / "LICENSE").read_text().split()[0]
+    assert re.search(
+        r"^## \[(Unreleased|" + re.escape(project["version"]) + r")\]", (ROOT / "CHANGELOG.md").read_text(), re.M
+    )
+    assert citation["references"][0]["doi"] == "10.1016/j.renene.2018.07.023"
