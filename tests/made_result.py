@@ -83,7 +83,7 @@ def make_optimum() -> Result:
         "solver": {"status": "Solve_Succeeded", "iterations": 34, "time_s": 0.042, "build_time_s": 1.31, "starts": 1},
         "active_limits": {
             "retraction": [{"limit": "limits.tether_force_min_N", "value": 749.0, "share": 0.93}],
-            "transition": [],
+            "transition": [{"limit": "limits.elevation_max_deg", "value": 85.0, "share": 0.0}],
             "traction": [
                 {"limit": "limits.tether_force_max_N", "value": 30080.0, "share": 1.0},
                 {"limit": "limits.tether_length_max_m", "value": None, "share": None},

@@ -44,6 +44,7 @@ def test_public_names_are_there_and_others_are_not():
     import kiteocp  # noqa: PLC0415
 
     assert set(kiteocp.__all__) <= set(dir(kiteocp))
+    assert all(getattr(kiteocp, name) is not None for name in kiteocp.__all__)
     assert kiteocp.__version__ == importlib.metadata.version("kiteocp")
     assert kiteocp.InputError is kiteocp.errors.InputError
     with pytest.raises(AttributeError, match="has no attribute 'simulat'"):
@@ -63,6 +64,15 @@ def test_simulate_end_to_end(tmp_path):
     assert summary["cycle"]["mean_power_W"] > 0.0
     assert (directory / "cycle.png").stat().st_size > 20_000
     assert run("plot", str(directory), "--format", "svg").returncode == 0
+
+
+def test_solve_end_to_end(tmp_path):
+    done = run("solve", "strong-wind", "-o", "out", "--no-plot", cwd=tmp_path)
+    assert (done.returncode, done.stderr) == (0, "")
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary["cycle"]["mean_power_W"] > summary["prescribed"]["cycle"]["mean_power_W"]
+    assert set(summary["prescribed"]["cycle"]) >= {"duration_s", "mean_power_W", "energy_J"}
+    assert "active limits" in done.stdout
 
 
 def test_a_reader_that_leaves_is_no_error(tmp_path):

@@ -52,6 +52,7 @@ def test_optimum_names_both_powers_and_draws_both_cycles():
     texts = [text.get_text() for text in figure.texts]
     assert any("mean power 6.95 kW (prescribed 5.56 kW, +25.0 %)" in text for text in texts)
     assert any("limits.tether_force_min_N = 749 N (93 %)" in text for text in texts)
+    assert not any("elevation_max_deg" in text for text in texts)  # met at one point only: in the table
     side = figure.axes[0]
     prescribed = path_of(make_result())
     assert any(np.array_equal(line.get_xdata(), prescribed[0]) for line in side.lines)
@@ -77,6 +78,14 @@ def test_no_two_labels_overlap():
             text for text, box in boxes if box.x0 < page.x0 or box.x1 > page.x1 or box.y0 < page.y0 or box.y1 > page.y1
         ]
         assert beyond == []
+
+
+def test_more_active_limits_than_there_is_room_for_are_owned_up_to():
+    limit = {"limit": "limits.tether_force_max_N", "value": 3008.0, "share": 0.5}
+    crowd = dataclasses.replace(make_optimum(), details={"active_limits": {"traction": [limit] * 40}})
+    texts = [text.get_text() for text in compose_optimum(crowd).texts]
+    assert "... and more in summary.json" in texts
+    assert 5 < sum("tether_force_max_N" in text for text in texts) < 20
 
 
 def test_axes_have_units():

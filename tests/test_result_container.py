@@ -128,6 +128,7 @@ def test_table_of_an_optimum_shows_the_prescribed_cycle_limits_and_solver():
     assert "mean cycle power 6.95 kW, prescribed 5.56 kW: +1.39 kW (+25.0 %)" in text
     assert "limits.tether_force_min_N = 749 N (93 %)" in text
     assert "limits.tether_force_max_N = 30080 N (100 %)" in text
+    assert "limits.elevation_max_deg = 85 deg (at a point)" in text
     assert "solver: Solve_Succeeded, 34 iterations, solved in 42 ms, built in 1.3 s, 1 start" in text
     assert max(map(len, text.splitlines())) <= 100  # fits a terminal
 

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 
 from kiteocp.plots.style import GREY, INK, LABEL_SIZE, SMALL_SIZE, phase_colour
 from kiteocp.result import Result
-from kiteocp.result.table import describe_cycle, describe_limit
+from kiteocp.result.table import LASTING_SHARE, describe_cycle, describe_limit
 
 #: Title, key of the summary, factor to the unit of the title, decimals.
 _COLUMNS: tuple[tuple[str, str, float, int], ...] = (
@@ -51,23 +51,28 @@ def write_numbers(figure: Figure, side: Any, result: Result, prescribed: Result 
 
 
 def _write_notes(figure: Figure, result: Result, y: float) -> None:
-    """Write what describes the cycle and the limits that are active, phase by phase, as far as there is room."""
+    """Write what describes the cycle and the limits that hold for part of a phase; the table has those met once."""
     for line in describe_cycle(result):
         figure.text(_LEFT, y, line, fontsize=SMALL_SIZE, color=INK)
         y -= _NOTE_HEIGHT
     active: dict[str, list[dict[str, Any]]] = result.details.get("active_limits") or {}
-    rows = [
-        (phase if index == 0 else "", phase, limit)
-        for phase, limits in active.items()
-        for index, limit in enumerate(limits)
-    ]
+    rows: list[tuple[str, str, str]] = []
+    for phase, limits in active.items():
+        lasting = [describe_limit(limit) for limit in limits if _is_lasting(limit)]
+        rows += [(phase if index == 0 else "", phase, text) for index, text in enumerate(lasting)]
     if not rows:
         return
     y -= 0.4 * _NOTE_HEIGHT
     figure.text(_LEFT, y, "active limits (share of the time of the phase)", fontsize=SMALL_SIZE, color=GREY)
-    for name, phase, limit in rows:
+    room = int((y - _BOTTOM) / _NOTE_HEIGHT)
+    if len(rows) > room:
+        rows = [*rows[: room - 1], ("", "", "... and more in summary.json")]
+    for name, phase, text in rows:
         y -= _NOTE_HEIGHT
-        if y < _BOTTOM:
-            return
         figure.text(_LEFT, y, name, fontsize=SMALL_SIZE, color=phase_colour(phase))
-        figure.text(_LEFT + 0.07, y, describe_limit(limit), fontsize=SMALL_SIZE, color=INK)
+        figure.text(_LEFT + 0.07, y, text, fontsize=SMALL_SIZE, color=INK)
+
+
+def _is_lasting(limit: dict[str, Any]) -> bool:
+    share = limit.get("share")
+    return share is None or share >= LASTING_SHARE

@@ -12,6 +12,8 @@ from kiteocp.result.container import Result
 _HEADER = ("duration", "mean power", "energy", "tether length", "elevation")
 _UNITS = ("s", "kW", "kJ", "m", "deg")
 _NO_VALUE = "-"
+#: Share of the time of a phase from which on a limit holds, not just touches.
+LASTING_SHARE = 0.005
 
 
 def format_result(result: Result) -> str:
@@ -148,7 +150,8 @@ def describe_limit(limit: Mapping[str, Any]) -> str:
         text += f" = {value:.0f}" if abs(value) >= 1e4 else f" = {value:.4g}"
         text += "" if unit == DIMENSIONLESS else f" {unit}"
     if (share := limit.get("share")) is not None:
-        text += f" ({100.0 * share:.0f} %)"
+        # A limit met at one moment, as the longest tether at the end of traction, holds for no time at all.
+        text += f" ({100.0 * share:.0f} %)" if share >= LASTING_SHARE else " (at a point)"
     return text
 
 
