@@ -7,6 +7,7 @@ from functools import lru_cache
 from typing import Any, Literal
 
 import casadi as ca
+import numpy as np
 
 from kiteocp.cycle.phases import KINDS, PhaseKind, PhaseName
 from kiteocp.physics import kinematics
@@ -62,6 +63,8 @@ def prescribed_state(
     else:
         at_rest = _force_at_rest(model, position, around, coefficients, equilibrium)
         force = ca.fmin(ca.fmax(at_rest, radial("retraction")), radial("traction"))
+    # A force too small to lift the tether leaves it slack at the ground, which is no state: 0/0 there.
+    force = force + ca.if_else(force < 0, np.nan, 0.0)
     if equilibrium == "explicit":
         return explicit_state(model, position, around, force)
     angle = _solved(model, position, around, coefficients, "radial_ground_force", force)

@@ -203,7 +203,14 @@ def equilibrium_functions(structure: Structure, control: str) -> EquilibriumFunc
         "equilibrium",
         "newton",
         {"x": angle, "p": arguments, "g": state.residual},
-        {"abstol": 1e-14, "max_iter": 50, "error_on_fail": False, "line_search": True},
+        {
+            "abstol": 1e-14,
+            "max_iter": 50,
+            "line_search": True,
+            # A state without equilibrium is an answer: not a number, no exception and nothing on the terminal.
+            "error_on_fail": False,
+            "show_eval_warnings": False,
+        },
     )
     outputs = outputs_of(state)
     values = ca.Function("state", [angle, arguments], list(outputs.values()), ["angle", "arguments"], list(outputs))

@@ -152,14 +152,17 @@ def solve_state(values: ParameterValues, place: Place, control: str, value: floa
     arguments = np.concatenate([values.vector, place.vector(), [value]])
     facts = {**place.__dict__, control: value}
     limit_low, limit_high = _domain(functions, arguments, control, place, facts)
-    angles = np.linspace(limit_low, limit_high, SCAN_POINTS)
-    residuals = np.asarray(functions.residual.map(SCAN_POINTS)(angles[None, :], arguments)).ravel()
-    finite = np.isfinite(residuals)
-    # Below the root the drag's share of the force is too small for the angle, above it too large: the last change from
-    # plus to minus is the branch that the massless kite flies on.
-    falls = np.flatnonzero((residuals[:-1] >= 0) & (residuals[1:] < 0) & finite[:-1] & finite[1:])
+    angles, residuals = _scan(functions, arguments, limit_low, limit_high)
+    falls = _falls(residuals)
     if not falls.size:
-        raise _no_root(residuals[finite], place, facts)
+        # Two roots close together may lie between two points of the scan: look again around its largest value.
+        peak = int(np.argmax(np.where(np.isfinite(residuals), residuals, -np.inf)))
+        near = angles[max(peak - 1, 0)], angles[min(peak + 1, SCAN_POINTS - 1)]
+        fine_angles, fine_residuals = _scan(functions, arguments, *near)
+        falls = _falls(fine_residuals)
+        if not falls.size:
+            raise _no_root(residuals[np.isfinite(residuals)], place, facts)
+        angles, residuals = fine_angles, fine_residuals
     last = falls[-1]
     low, high = angles[last], angles[last + 1]
     share = residuals[last] / (residuals[last] - residuals[last + 1])
@@ -167,7 +170,28 @@ def solve_state(values: ParameterValues, place: Place, control: str, value: floa
     if not low <= root <= high:
         root = _bisect(lambda angle: float(functions.residual(angle, arguments)), low, high)
     named = functions.state(angle=root, arguments=arguments)
-    return {name: float(named[name]) for name in OUTPUTS}
+    state = {name: float(named[name]) for name in OUTPUTS}
+    if state["radial_ground_force"] < 0:
+        raise _slack(place, facts, f"at a reeling speed of {state['reeling_speed']:.3g} m/s")
+    return state
+
+
+def _scan(
+    functions: EquilibriumFunctions, arguments: np.ndarray, low: float, high: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Evaluate the residual at angles evenly spaced between two."""
+    angles = np.linspace(low, high, SCAN_POINTS)
+    return angles, np.asarray(functions.residual.map(SCAN_POINTS)(angles[None, :], arguments)).ravel()
+
+
+def _falls(residuals: np.ndarray) -> np.ndarray:
+    """Return the points after which the residual changes from plus to minus.
+
+    Below the root the drag's share of the force is too small for the angle, above it too large: the last such change is
+    the branch that the massless kite flies on.
+    """
+    finite = np.isfinite(residuals)
+    return np.flatnonzero((residuals[:-1] >= 0) & (residuals[1:] < 0) & finite[:-1] & finite[1:])
 
 
 def _bisect(residual: Callable[[float], float], low: float, high: float) -> float:
@@ -207,11 +231,7 @@ def _domain(
             reason="force_below_sag",
         )
     if probe["radial_ground_force"] < 0:
-        raise NoEquilibriumError(
-            f"{_where(place)}: with {force:.4g} N the tether is slack at the ground",
-            facts=facts,
-            reason="slack",
-        )
+        raise _slack(place, facts, f"with {force:.4g} N")
     if crosswind >= probe["apparent_wind_speed"]:
         raise NoEquilibriumError(
             f"{_where(place)}: the wind across the course ({crosswind:.3g} m/s) is stronger than "
@@ -220,6 +240,12 @@ def _domain(
             reason="crosswind",
         )
     return float(np.arcsin(crosswind / probe["apparent_wind_speed"])) + 1e-9, np.pi / 2 - 1e-9
+
+
+def _slack(place: Place, facts: dict[str, Any], condition: str) -> NoEquilibriumError:
+    return NoEquilibriumError(
+        f"{_where(place)}: {condition} the tether is slack at the ground", facts=facts, reason="slack"
+    )
 
 
 def _no_root(residuals: np.ndarray, place: Place, facts: dict[str, Any]) -> NoEquilibriumError:
