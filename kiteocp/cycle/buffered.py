@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import casadi as ca
 import numpy as np
 import numpy.typing as npt
@@ -14,13 +16,16 @@ class BufferedFunction:
     """
 
     def __init__(self, function: ca.Function) -> None:
-        self._buffer, self._run = function.buffer()
+        buffer: Any
+        buffer, self._run = function.buffer()
+        # The memory is the buffer's as long as the buffer lives.
+        self._buffer = buffer
         self._inputs = [np.zeros(function.nnz_in(i)) for i in range(function.n_in())]
         self._outputs = [np.zeros(function.nnz_out(i)) for i in range(function.n_out())]
         for i, array in enumerate(self._inputs):
-            self._buffer.set_arg(i, memoryview(array))
+            buffer.set_arg(i, array.data)
         for i, array in enumerate(self._outputs):
-            self._buffer.set_res(i, memoryview(array))
+            buffer.set_res(i, array.data)
 
     def call(self, *arguments: npt.ArrayLike) -> list[np.ndarray]:
         """Evaluate; the arguments in the function's order, flat."""
