@@ -3,6 +3,7 @@
 The schedule is piecewise polynomial in time. What it gives is what a controller holds (radial tether force at the
 ground, power setting, and in the traction the rate of the mean elevation or the mean course); where the kite goes
 follows from the closed form of the equilibrium and the adaptive integrator, which share nothing with the collocation.
+The winch saturates: a scheduled force beyond the tether force limits is held at the limit.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -21,7 +23,7 @@ from kiteocp.cycle.simulation import LONGEST_PHASE_S, SCALES, cycle_error
 from kiteocp.physics import kinematics
 from kiteocp.physics.equilibrium import OUTPUTS, explicit_state, outputs_of
 from kiteocp.physics.kinematics import Course
-from kiteocp.physics.model import Model, Position
+from kiteocp.physics.model import Model, Position, Surroundings
 from kiteocp.physics.parameters import ParameterValues, Structure, parameters_of
 
 #: What a schedule may give; the first is always given, the others where the phase does not prescribe them.
@@ -97,7 +99,7 @@ def schedule_functions(structure: Structure, name: PhaseName, quantities: tuple[
     if "course" in scheduled:
         position = Position(length, elevation, nominal.azimuth, Course.of_angle(scheduled["course"]))
     around = model.surroundings(position, model.coefficients(scheduled.get("power_setting", kind.setting)))
-    flight = explicit_state(model, position, around, scheduled["radial_ground_force"])
+    flight = explicit_state(model, position, around, _saturated(model, around, scheduled["radial_ground_force"]))
     if kind.course is not None:
         rate = kinematics.elevation_rate(flight.tangential_speed, kind.course, length)
     elif "course" in scheduled:
@@ -129,6 +131,20 @@ def schedule_functions(structure: Structure, name: PhaseName, quantities: tuple[
         [point(length, elevation, values, parameters.vector)[1]],
     )
     return ScheduleFunctions(rates, at)
+
+
+def _saturated(model: Model, around: Surroundings, force: Any) -> Any:
+    """Keep a scheduled radial force within the tether force limits, as a winch does."""
+    p = model.parameters
+    low, high = (
+        model.radial_ground_force(
+            around,
+            p[f"limits.tether_force_{side}_N"],
+            model.structure.choice(f"limits.tether_force_{side}_at"),
+        )
+        for side in ("min", "max")
+    )
+    return ca.fmin(ca.fmax(force, low), high)
 
 
 @lru_cache(maxsize=64)

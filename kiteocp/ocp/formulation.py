@@ -8,7 +8,7 @@ problem file are parameters: the program is built once for a structure and solve
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -66,6 +66,8 @@ class Formulation:
         ``constant``, ``linear``, ``course-coupled`` or ``free``.
     power_setting
         ``fixed``, ``traction`` or ``all``.
+    speed_jumps
+        ``free``, or ``limited`` to what the winch can do in the phase-change time.
     intervals
         Mesh intervals of retraction, transition and traction.
     degree
@@ -75,6 +77,7 @@ class Formulation:
     objective: str
     traction_elevation: str
     power_setting: str
+    speed_jumps: str
     intervals: tuple[int, int, int]
     degree: int
 
@@ -83,7 +86,19 @@ class Formulation:
         """Formulation that a problem file asks for."""
         given, mesh = problem.optimisation, problem.optimisation.mesh
         intervals = (mesh.retraction_intervals, mesh.transition_intervals, mesh.traction_intervals)
-        return cls(given.objective, given.traction_elevation, given.power_setting, intervals, mesh.degree)
+        return cls(
+            given.objective,
+            given.traction_elevation,
+            given.power_setting,
+            given.speed_jumps,
+            intervals,
+            mesh.degree,
+        )
+
+    def refined(self) -> Formulation:
+        """Return the same on a mesh of half the intervals' length."""
+        first, second, third = self.intervals
+        return replace(self, intervals=(2 * first, 2 * second, 2 * third))
 
     @property
     def mesh(self) -> dict[str, PhaseMesh]:
@@ -129,6 +144,18 @@ def cycle_problem(structure: Structure, formulation: Formulation) -> OptimalCont
     if "limits.stroke_min_m" in p:
         stroke = traction.end["tether_length"] - traction.start["tether_length"]
         links.append(Link("limits.stroke_min_m", stroke, p["limits.stroke_min_m"], np.inf, scale=100.0))
+    if formulation.speed_jumps == "limited":
+        allowed = p["limits.reeling_acceleration_max_m_s2"] * p["limits.phase_change_time_s"]
+        links += [
+            Link(
+                f"speed jump after the {before.name}",
+                after.first["reeling_speed"] - before.end["reeling_speed"],
+                -allowed,
+                allowed,
+                scale=SCALES["reeling_speed"],
+            )
+            for before, after in itertools.pairwise([*phases, retraction])
+        ]
     energy = sum(phase.integral["objective_power"] for phase in phases)
     time = sum(phase.duration for phase in phases) + PHASE_CHANGES * p["limits.phase_change_time_s"]
     return OptimalControlProblem(

@@ -124,7 +124,13 @@ class Solver:
             options["iteration_callback"] = self._callback
         return ca.nlpsol(name, "ipopt", {"x": nlp.x, "p": nlp.p, "f": nlp.f, "g": nlp.g}, options)
 
-    def solve(self, x0: ArrayLike, p: ArrayLike = (), warm: Solution | None = None) -> Solution:
+    def solve(
+        self,
+        x0: ArrayLike,
+        p: ArrayLike = (),
+        warm: Solution | None = None,
+        pinned: Mapping[int, float] | None = None,
+    ) -> Solution:
         """Solve for one set of parameters.
 
         Parameters
@@ -135,6 +141,8 @@ class Solver:
             Parameters, shape (parameters,).
         warm
             A neighbouring solution of the same program: its variables and multipliers are the start.
+        pinned
+            Variables held at a value (scaled as in the program), by index.
 
         Returns
         -------
@@ -153,6 +161,8 @@ class Solver:
         if parameters.size != expected or not np.all(np.isfinite(parameters)):
             raise ValueError(f"the program takes {expected} finite parameters, not {parameters}")
         lbx, ubx, lbg, ubg = self.program.numeric_bounds(parameters)
+        for index, value in (pinned or {}).items():
+            lbx[index] = ubx[index] = value
         arguments = {"p": parameters, "lbx": lbx, "ubx": ubx, "lbg": lbg, "ubg": ubg}
         if warm is None:
             solver = self._cold

@@ -1,8 +1,9 @@
-"""The optimal pumping cycle of a problem: from starts to a result."""
+"""The optimal pumping cycle of a problem: from starts through certified solutions to a result."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -12,15 +13,19 @@ import numpy as np
 from kiteocp.cycle.simulation import simulate
 from kiteocp.cycle.summary import channels_of, cycle_summary, phase_summaries, validity_warnings
 from kiteocp.errors import CycleError, SolveError
+from kiteocp.ocp import certificate as certify
+from kiteocp.ocp.certificate import Certificate, Level
 from kiteocp.ocp.formulation import Formulation, cycle_program
 from kiteocp.ocp.limits import SCALES
-from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.nlpsolver import Solution, Solver
 from kiteocp.ocp.optimum import OptimalCycle, active_limits, speed_jumps
-from kiteocp.ocp.starts import STARTS, guess_of
+from kiteocp.ocp.starts import STARTS, guess_of, pinned_start
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values
 from kiteocp.problem import Problem
 from kiteocp.result import Result
+
+#: Times that the full certificate halves the mesh at most.
+REFINEMENTS = 4
 
 
 @dataclass(frozen=True)
@@ -30,22 +35,66 @@ class Attempt:
     start: str
     solution: Solution
 
+    @property
+    def mean_power_W(self) -> float | None:
+        """Mean power of the objective, None where the solver failed."""
+        return -self.solution.f * SCALES["power"] if self.solution.success else None
 
-def solve(problem: Problem) -> Result:
+
+@dataclass(frozen=True)
+class Optimum:
+    """An optimal cycle with all that is known about it.
+
+    Attributes
+    ----------
+    problem, values
+        What was solved.
+    solver
+        The solver of the mesh that the solution is on.
+    attempts
+        Solutions from all starts on the coarsest mesh.
+    solution
+        The best, on the finest mesh.
+    cycle
+        The solution in the words of the cycle.
+    certificate
+        Its checks.
+    facts
+        Numbers behind the checks: limit margins, re-simulation, mesh powers.
+    """
+
+    problem: Problem
+    values: ParameterValues
+    solver: Solver
+    attempts: tuple[Attempt, ...]
+    solution: Solution
+    cycle: OptimalCycle
+    certificate: Certificate
+    facts: dict[str, Any]
+
+    @property
+    def mean_power_W(self) -> float:
+        """Mean power of the objective."""
+        return -self.solution.f * SCALES["power"]
+
+
+def solve(problem: Problem, *, certificate: Level = "full") -> Result:
     """Find the pumping cycle of largest mean power under the limits of a problem.
-
-    Every start of `STARTS` is tried and the best cycle kept.
 
     Parameters
     ----------
     problem
         The problem; its ``limits`` bound the cycle, its ``optimisation`` block says what is free.
+    certificate
+        ``full`` refines the mesh until the optimal power no longer changes by more than 1e-4; ``quick`` judges the
+        solution on the mesh of the problem file.
 
     Returns
     -------
     Result
-        With status ``ok``; ``prescribed`` is the forward simulation of the same problem, its mean power on equal terms
-        (the same phase-change time), or None where the prescribed cycle cannot be flown.
+        With status ``certified``, or ``not_certified`` and the failed checks in ``details["certificate"]``;
+        ``prescribed`` is the forward simulation of the same problem, its mean power on equal terms (the same
+        phase-change time), or None where the prescribed cycle cannot be flown.
 
     Raises
     ------
@@ -53,88 +102,109 @@ def solve(problem: Problem) -> Result:
         No start led to a cycle.
     """
     began = time.perf_counter()
+    return result_of(optimise(problem, certificate=certificate), time.perf_counter() - began)
+
+
+def optimise(problem: Problem, *, certificate: Level = "full") -> Optimum:
+    """Find and certify the optimal cycle; `solve` without the result's time series.
+
+    Raises
+    ------
+    SolveError
+        No start led to a cycle.
+    """
     values = parameter_values(problem)
-    solver = cycle_solver(values.structure, Formulation.of(problem), _options(problem))
-    built = time.perf_counter()
+    formulation = Formulation.of(problem)
+    options = solver_options(problem)
+    solver = cycle_solver(values.structure, formulation, options)
     attempts = solve_from_starts(solver, values)
-    solved = time.perf_counter()
-    best = best_of(attempts)
-    cycle = OptimalCycle.of(solver.program, best.solution, values)
-    warnings = [*validity_warnings(cycle.records, values), *jump_warnings(cycle)]
-    phases = phase_summaries(cycle.records)
-    pause = values["limits.phase_change_time_s"]
-    traction = cycle.records[-1]
-    return Result(
-        verb="solve",
-        problem=problem,
-        status="ok",
-        warnings=tuple(warnings),
-        phases=phases,
-        cycle=dict(
-            cycle_summary(
-                values,
-                phases,
-                # eq:meantractionaltitude with the lengths and the mean elevation that were flown.
-                traction_altitude_m=float(
-                    0.5
-                    * (traction.tether_length_m[0] + traction.tether_length_m[-1])
-                    * np.sin(np.trapezoid(traction.elevation_rad, traction.time_s) / traction.duration_s)
-                ),
-                phase_change_time_s=pause,
-            )
-        ),
-        channels=channels_of(cycle.records, values, pause),
-        details={
-            "solver": {
-                "name": "ipopt",
-                "status": best.solution.status,
-                "iterations": best.solution.iterations,
-                "time_s": solved - built,
-                "build_time_s": built - began,
-                "starts": len(attempts),
-                "start": best.start,
-                "variables": len(solver.program.variables),
-                "rows": len(solver.program.rows),
-            },
-            "starts": [
-                {
-                    "start": attempt.start,
-                    "status": attempt.solution.status,
-                    "mean_power_W": _mean_power(attempt.solution),
-                    "iterations": attempt.solution.iterations,
-                    "time_s": attempt.solution.time_s,
-                }
-                for attempt in attempts
+    solution = best_of(attempts).solution
+    powers, meshes = [-solution.f * SCALES["power"]], [str(formulation.intervals)]
+    optimum = None
+    for _ in range(REFINEMENTS if certificate == "full" else 0):
+        formulation = formulation.refined()
+        finer = cycle_solver(values.structure, formulation, options)
+        start = finer.program.pack(solver.program.unpack(solution.x, values.vector))
+        refined = finer.solve(start, values.vector)
+        if not refined.success:
+            break
+        solver, solution = finer, refined
+        powers.append(-solution.f * SCALES["power"])
+        meshes.append(str(formulation.intervals))
+        optimum = _judged(problem, values, solver, attempts, solution, powers, meshes, certificate)
+        if optimum.certificate.passed:
+            break
+    return optimum or _judged(problem, values, solver, attempts, solution, powers, meshes, certificate)
+
+
+def _judged(
+    problem: Problem,
+    values: ParameterValues,
+    solver: Solver,
+    attempts: Sequence[Attempt],
+    solution: Solution,
+    powers: Sequence[float],
+    meshes: Sequence[str],
+    level: Level,
+) -> Optimum:
+    """Read a solution and run all checks on it."""
+    cycle = OptimalCycle.of(solver.program, solution, values)
+    resimulation, flown, facts = certify.resimulation_check(cycle)
+    margins = certify.limit_margins(cycle, flown)
+    checks = [
+        certify.solver_check(solution),
+        certify.kkt_check(solver.program, solution),
+        certify.limits_check(margins),
+        resimulation,
+    ]
+    if level == "full":
+        checks.append(certify.mesh_check(powers, meshes))
+    checks.append(certify.starts_check([attempt.mean_power_W for attempt in attempts]))
+    checks.append(certify.jumps_check(cycle, problem.optimisation.speed_jumps == "limited"))
+    return Optimum(
+        problem,
+        values,
+        solver,
+        tuple(attempts),
+        solution,
+        cycle,
+        Certificate(level, tuple(checks)),
+        {
+            "resimulation": facts,
+            "limit_margins": {item.key: {"phase": item.phase, "margin": item.margin} for item in margins},
+            "meshes": [
+                {"intervals": mesh, "mean_power_W": power} for mesh, power in zip(meshes, powers, strict=True)
             ],
-            "active_limits": active_limits(cycle),
-            "speed_jumps": speed_jumps(cycle.records, values),
-            "resimulation": resimulation(cycle),
         },
-        prescribed=prescribed_cycle(problem),
     )
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=32)
 def cycle_solver(structure: Structure, formulation: Formulation, options: tuple[tuple[str, Any], ...] = ()) -> Solver:
     """Build (once) the solver of a structure, for any numbers."""
     return Solver(cycle_program(structure, formulation), dict(options))
 
 
-def _options(problem: Problem) -> tuple[tuple[str, Any], ...]:
+def solver_options(problem: Problem) -> tuple[tuple[str, Any], ...]:
+    """IPOPT options that a problem file sets."""
     given = problem.optimisation
     return (("tol", given.tolerance), ("max_iter", given.max_iterations))
 
 
 def solve_from_starts(solver: Solver, values: ParameterValues) -> list[Attempt]:
-    """Solve from every start."""
-    program: NonlinearProgram = solver.program
-    return [
+    """Solve from every start, and from a shortest traction that is solved first and then released."""
+    program = solver.program
+    attempts = [
         Attempt(start.name, solver.solve(program.pack(guess_of(start, values, program)), values.vector))
         for start in STARTS
     ]
+    guess, pinned = pinned_start(values, program)
+    held = solver.solve(program.pack(guess), values.vector, pinned=pinned)
+    attempts.append(Attempt("shortest traction", solver.solve(held.x, values.vector)))
+    return attempts
 
 
-def best_of(attempts: list[Attempt]) -> Attempt:
+def best_of(attempts: Sequence[Attempt]) -> Attempt:
     """Return the attempt of largest mean power among those that succeeded.
 
     Raises
@@ -144,38 +214,69 @@ def best_of(attempts: list[Attempt]) -> Attempt:
     """
     succeeded = [attempt for attempt in attempts if attempt.solution.success]
     if not succeeded:
-        states = ", ".join(f"{attempt.solution.status} from a {attempt.start}" for attempt in attempts)
+        states = ", ".join(f"{attempt.solution.status} from the start '{attempt.start}'" for attempt in attempts)
         raise SolveError(f"no start led to a cycle within the limits (IPOPT: {states})")
     return min(succeeded, key=lambda attempt: attempt.solution.f)
 
 
-def _mean_power(solution: Solution) -> float | None:
-    return -solution.f * SCALES["power"] if solution.success else None
-
-
-def resimulation(cycle: OptimalCycle) -> dict[str, Any]:
-    """Fly the optimal schedules by the independent integrator and compare energy, tether length and elevation."""
-    try:
-        flown = cycle.resimulate()
-    except CycleError as error:
-        return {"completed": False, "message": str(error)}
-    energy = sum(phase.energy_J for phase in flown)
-    last = cycle.records[-1]
-    transition = cycle.records[1]
-    return {
-        "completed": True,
-        "energy_J": energy,
-        "energy_gap": (energy - cycle.energy_J) / cycle.energy_J,
-        "tether_length_gap_m": float(flown[-1].states[-1, 1] - last.tether_length_m[-1]),
-        "elevation_gap_deg": float(np.degrees(flown[1].states[-1, 2] - transition.elevation_rad[-1])),
-    }
+def result_of(optimum: Optimum, total_time_s: float) -> Result:
+    """Put an optimum into the form of the output contract."""
+    cycle, values, problem = optimum.cycle, optimum.values, optimum.problem
+    phases = phase_summaries(cycle.records)
+    pause = values["limits.phase_change_time_s"]
+    traction = cycle.records[-1]
+    mean_elevation = float(np.trapezoid(traction.elevation_rad, traction.time_s)) / traction.duration_s
+    # eq:meantractionaltitude with the lengths and the mean elevation that were flown.
+    altitude = 0.5 * float(traction.tether_length_m[0] + traction.tether_length_m[-1]) * float(np.sin(mean_elevation))
+    summary = cycle_summary(values, phases, traction_altitude_m=altitude, phase_change_time_s=pause)
+    solver_time = sum(attempt.solution.time_s for attempt in optimum.attempts)
+    best = best_of(optimum.attempts)
+    return Result(
+        verb="solve",
+        problem=problem,
+        status=optimum.certificate.status,
+        warnings=tuple([*validity_warnings(cycle.records, values), *jump_warnings(cycle)]),
+        phases=phases,
+        cycle=dict(summary),
+        channels=channels_of(cycle.records, values, pause),
+        details={
+            "solver": {
+                "name": "ipopt",
+                "status": optimum.solution.status,
+                "iterations": best.solution.iterations,
+                "time_s": best.solution.time_s,
+                "starts_time_s": solver_time,
+                "total_time_s": total_time_s,
+                "starts": len(optimum.attempts),
+                "start": best.start,
+                "variables": len(optimum.solver.program.variables),
+                "rows": len(optimum.solver.program.rows),
+            },
+            "certificate": optimum.certificate.to_dict(),
+            "starts": [
+                {
+                    "start": attempt.start,
+                    "status": attempt.solution.status,
+                    "mean_power_W": attempt.mean_power_W,
+                    "iterations": attempt.solution.iterations,
+                    "time_s": attempt.solution.time_s,
+                }
+                for attempt in optimum.attempts
+            ],
+            "active_limits": active_limits(cycle),
+            "speed_jumps": speed_jumps(cycle.records, values),
+            **optimum.facts,
+        },
+        prescribed=prescribed_cycle(problem),
+    )
 
 
 def jump_warnings(cycle: OptimalCycle) -> list[str]:
     """Say where the winch needs longer for a change of speed between phases than the phase-change time gives it."""
     return [
-        f"Between {jump['from_phase']} and {jump['to_phase']} the reeling speed changes by {jump['jump_m_s']:.1f} m/s, "
-        f"more than the winch can do in limits.phase_change_time_s ({jump['allowed_m_s']:g} m/s)."
+        f"between {jump['from_phase']} and {jump['to_phase']} the reeling speed changes by {jump['jump_m_s']:+.1f} m/s, "
+        f"more than the winch can do in limits.phase_change_time_s ({jump['allowed_m_s']:g} m/s); "
+        "optimisation.speed_jumps: limited keeps to that"
         for jump in speed_jumps(cycle.records, cycle.values)
         if abs(jump["jump_m_s"]) > jump["allowed_m_s"] * (1 + 1e-6)
     ]

@@ -102,3 +102,14 @@ def _lift_to_drag(values: ParameterValues, setting: str, tether_length: float) -
         values["tether.drag_coefficient"],
     )
     return float(lift / drag)
+
+
+def pinned_start(values: ParameterValues, program: NonlinearProgram) -> tuple[Guess, dict[int, float]]:
+    """Return a start near the shortest traction, and the pin that holds its duration there.
+
+    Solving with the pin and then releasing it leads to the local optimum of short cycles from far away.
+    """
+    [index] = program.find_variables(phase="traction", kind="duration")
+    shortest = values["limits.traction_duration_min_s"]
+    start = Start("shortest traction", 27.0, 50.0, 0.3, (20.0, 5.0, shortest))
+    return guess_of(start, values, program), {int(index): shortest / program.variables[index].scale}

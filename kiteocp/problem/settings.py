@@ -128,6 +128,10 @@ class Optimisation(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     power_setting: Annotated[Literal["fixed", "traction", "all"], text("where the kite may be partly depowered")] = (
         "fixed"
     )
+    speed_jumps: Annotated[
+        Literal["free", "limited"],
+        text("whether the reeling speed may jump between phases by more than the winch can do in the phase-change time"),
+    ] = "free"
     tolerance: Annotated[float, quantity("1", "convergence tolerance of the solver", gt=0, le=0.01)] = 1e-8
     max_iterations: Annotated[int, quantity("1", "most iterations of the solver for one start", ge=1)] = 300
     mesh: Annotated[Mesh, section("collocation mesh")] = msgspec.field(default_factory=Mesh)

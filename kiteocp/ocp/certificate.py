@@ -1,0 +1,280 @@
+"""What is known about an optimum: every claim recomputed from the numbers, none taken from the solver's word alone.
+
+A certificate is a list of checks. Those that must pass decide the status; the others inform. ``quick`` judges a solution
+on its own mesh; ``full`` has also solved a refinement of the mesh and compared.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, Literal
+
+import numpy as np
+
+from kiteocp.cycle.phases import FlownPhase
+from kiteocp.cycle.schedule import outputs_on_schedule
+from kiteocp.cycle.summary import PhaseRecord
+from kiteocp.errors import CycleError
+from kiteocp.ocp.limits import path_limits
+from kiteocp.ocp.nlp import NonlinearProgram
+from kiteocp.ocp.nlpsolver import Solution
+from kiteocp.ocp.optimality import Optimality
+from kiteocp.ocp.optimum import OptimalCycle, quantity_of, speed_jumps
+
+Level = Literal["quick", "full"]
+
+#: First-order residuals in the scaled units of the program; the solver is asked for 1e-8.
+KKT_TOLERANCE = 1e-6
+
+#: A limit may be exceeded by this share of itself, anywhere in time.
+MARGIN_TOLERANCE = 5e-3
+
+#: Relative change of the optimal power from a mesh to its refinement.
+MESH_TOLERANCE = 1e-4
+
+#: Gaps of the re-simulated cycle: energy relative to that of the traction, tether length over the stroke, elevation.
+ENERGY_TOLERANCE = 1e-3
+LENGTH_TOLERANCE = 1e-3
+ELEVATION_TOLERANCE_DEG = 0.1
+
+#: Powers nearer than this, relative, are one local optimum.
+SAME_OPTIMUM = 1e-4
+
+
+@dataclass(frozen=True)
+class Check:
+    """One claim and how it came out.
+
+    Attributes
+    ----------
+    name
+        What was checked.
+    passed
+        Whether it holds; None for what informs only.
+    value, tolerance
+        The measured number and what it may be at most; None where there is no number.
+    text
+        One line that says what was found.
+    """
+
+    name: str
+    passed: bool | None
+    value: float | None
+    tolerance: float | None
+    text: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the check as plain values for the summary."""
+        return dict(self.__dict__)
+
+
+@dataclass(frozen=True)
+class Certificate:
+    """All checks of one optimum."""
+
+    level: Level
+    checks: tuple[Check, ...]
+
+    @property
+    def passed(self) -> bool:
+        """Whether no check failed."""
+        return not self.failures
+
+    @property
+    def failures(self) -> tuple[Check, ...]:
+        """The checks that failed."""
+        return tuple(check for check in self.checks if check.passed is False)
+
+    @property
+    def status(self) -> str:
+        """``certified`` or ``not_certified``."""
+        return "certified" if self.passed else "not_certified"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the certificate as plain values for the summary."""
+        return {
+            "level": self.level,
+            "passed": self.passed,
+            "failures": [check.name for check in self.failures],
+            "checks": [check.to_dict() for check in self.checks],
+        }
+
+
+@dataclass(frozen=True)
+class LimitMargin:
+    """The point where a cycle comes nearest to a limit, or exceeds it most.
+
+    Attributes
+    ----------
+    key
+        Key path of the limit.
+    phase
+        Where that is.
+    margin
+        Distance to the limit over the limit; negative where it is exceeded.
+    """
+
+    key: str
+    phase: str
+    margin: float
+
+
+@lru_cache(maxsize=16)
+def optimality_of(program: NonlinearProgram) -> Optimality:
+    """Return the (once built) derivatives that judge solutions of a program."""
+    return Optimality(program)
+
+
+def solver_check(solution: Solution) -> Check:
+    """Check what the solver says of itself."""
+    text = f"IPOPT: {solution.status} after {solution.iterations} iterations"
+    return Check("solver", solution.success, None, None, text)
+
+
+def kkt_check(program: NonlinearProgram, solution: Solution) -> Check:
+    """Recompute the first-order conditions from the numbers of the solution."""
+    kkt = optimality_of(program).residuals(solution)
+    passed = bool(np.isfinite(kkt.largest) and kkt.largest <= KKT_TOLERANCE)
+    text = (
+        f"stationarity {kkt.stationarity:.1e}, feasibility {kkt.primal_feasibility:.1e}, "
+        f"complementarity {kkt.complementarity:.1e}"
+    )
+    if not passed:
+        text += f"; worst at {kkt.worst_variable} and {kkt.worst_row}"
+    return Check("optimality", passed, kkt.largest, KKT_TOLERANCE, text)
+
+
+def limit_margins(cycle: OptimalCycle, flown: Sequence[FlownPhase] | None) -> list[LimitMargin]:
+    """Find the worst margin of every limit, on dense samples of the solution and along the re-simulated cycle."""
+    values = cycle.values
+    records: list[PhaseRecord] = list(cycle.records)
+    if flown is not None:
+        for schedule, phase in zip(cycle.schedules, flown, strict=True):
+            time, length, elevation, _ = phase.states.T
+            outputs = outputs_on_schedule(values, schedule, time, length, elevation)
+            records.append(PhaseRecord(phase.name, time, length, elevation, outputs, phase.energy_J))
+    margins = []
+    for limit in path_limits(values.structure):
+        bound = limit.bound(values)
+        sign = 1.0 if limit.side == "lower" else -1.0
+        found = [
+            (float(np.min(sign * (quantity_of(record, limit.quantity) - bound))) / max(abs(bound), 1e-9), record.name)
+            for record in records
+            if record.name in limit.phases
+        ]
+        # A number that is not finite is as bad as can be: it must not hide behind a comparison.
+        margin, phase_name = min(found, key=lambda item: item[0] if np.isfinite(item[0]) else -np.inf)
+        margins.append(LimitMargin(limit.key, phase_name, margin))
+    margins += _whole_margins(cycle)
+    return margins
+
+
+def _whole_margins(cycle: OptimalCycle) -> list[LimitMargin]:
+    """Margins of limits that hold for a phase as a whole, and of the winch's acceleration inside the phases."""
+    values, traction = cycle.values, cycle.records[-1]
+    stroke = float(traction.tether_length_m[-1] - traction.tether_length_m[0])
+    reached = {"limits.traction_duration_min_s": traction.duration_s, "limits.stroke_min_m": stroke}
+    margins = [
+        LimitMargin(key, "traction", (value - values[key]) / max(values[key], 1e-9))
+        for key, value in reached.items()
+        if key in values
+    ]
+    key = "limits.reeling_acceleration_max_m_s2"
+    worst = []
+    for record in cycle.records:
+        phase = cycle.trajectory[record.name]
+        speeds, times = phase.values["reeling_speed"], phase.mesh.points * phase.duration
+        rates = np.abs(np.diff(speeds) / np.diff(times))
+        worst.append(((values[key] - float(np.max(rates, initial=0.0))) / values[key], record.name))
+    margin, name = min(worst)
+    return [*margins, LimitMargin(key, name, margin)]
+
+
+def limits_check(margins: Sequence[LimitMargin]) -> Check:
+    """Check that no limit is exceeded by more than the tolerance, at the mesh points and between them."""
+    worst = min(margins, key=lambda item: item.margin if np.isfinite(item.margin) else -np.inf)
+    passed = bool(np.isfinite(worst.margin) and worst.margin >= -MARGIN_TOLERANCE)
+    violation = max(-worst.margin, 0.0) if np.isfinite(worst.margin) else None
+    if passed and worst.margin >= -1e-6:
+        text = f"all {len(margins)} limits are kept, between the mesh points too"
+    else:
+        text = f"{worst.key} is exceeded by {-100 * worst.margin:.2g} % in the {worst.phase}"
+    return Check("limits", passed, violation, MARGIN_TOLERANCE, text)
+
+
+def resimulation_check(cycle: OptimalCycle) -> tuple[Check, list[FlownPhase] | None, dict[str, Any]]:
+    """Fly the schedule by the independent integrator and compare energy, tether length and elevation.
+
+    Returns
+    -------
+    check, flown, facts
+        The flown phases are None where the flight ended early.
+    """
+    try:
+        flown = cycle.resimulate()
+    except CycleError as error:
+        facts: dict[str, Any] = {"completed": False, "message": str(error)}
+        return Check("re-simulation", False, None, ENERGY_TOLERANCE, str(error)), None, facts
+    energy = sum(phase.energy_J for phase in flown)
+    last, transition = cycle.records[-1], cycle.records[1]
+    stroke = float(last.tether_length_m[-1] - last.tether_length_m[0])
+    energy_gap = (energy - cycle.energy_J) / abs(last.energy_J)
+    length_gap = float(flown[-1].states[-1, 1] - last.tether_length_m[-1])
+    elevation_gap = float(np.degrees(flown[1].states[-1, 2] - transition.elevation_rad[-1]))
+    passed = (
+        abs(energy_gap) <= ENERGY_TOLERANCE
+        and abs(length_gap) <= LENGTH_TOLERANCE * abs(stroke)
+        and abs(elevation_gap) <= ELEVATION_TOLERANCE_DEG
+    )
+    text = (
+        f"energy differs by {100 * energy_gap:+.1g} % of the traction's, tether length by {length_gap:+.2g} m, "
+        f"elevation by {elevation_gap:+.1g} deg"
+    )
+    facts = {
+        "completed": True,
+        "energy_J": energy,
+        "energy_gap": energy_gap,
+        "tether_length_gap_m": length_gap,
+        "elevation_gap_deg": elevation_gap,
+    }
+    return Check("re-simulation", bool(passed), abs(energy_gap), ENERGY_TOLERANCE, text), flown, facts
+
+
+def mesh_check(powers_W: Sequence[float], meshes: Sequence[str]) -> Check:
+    """Compare the optimal powers of a mesh and its refinements, coarse to fine."""
+    if len(powers_W) < 2:
+        return Check("mesh", False, None, MESH_TOLERANCE, "no refinement of the mesh could be solved")
+    change = abs(powers_W[-1] - powers_W[-2]) / max(abs(powers_W[-1]), 1.0)
+    text = f"the optimal power changes by {100 * change:.1g} % from mesh {meshes[-2]} to {meshes[-1]}"
+    return Check("mesh", bool(change <= MESH_TOLERANCE), change, MESH_TOLERANCE, text)
+
+
+def starts_check(powers_W: Sequence[float | None]) -> Check:
+    """Count the local optima that the starts led to."""
+    reached = [power for power in powers_W if power is not None]
+    optima: list[float] = []
+    for power in sorted(reached, reverse=True):
+        if not optima or abs(power - optima[-1]) > SAME_OPTIMUM * max(abs(optima[-1]), 1.0):
+            optima.append(power)
+    spread = (optima[0] - optima[-1]) / max(abs(optima[0]), 1.0) if optima else None
+    text = f"{len(reached)} of {len(powers_W)} starts led to {len(optima)} local optim{'um' if len(optima) == 1 else 'a'}"
+    if len(optima) > 1 and spread is not None:
+        text += f", {100 * spread:.2g} % apart in power; the best is kept"
+    return Check("starts", None if reached else False, spread, None, text)
+
+
+def jumps_check(cycle: OptimalCycle, limited: bool) -> Check:
+    """Compare the speed jumps between phases with what the winch can do in the phase-change time.
+
+    They decide the status only where the problem asks for jumps that fit (``optimisation.speed_jumps: limited``).
+    """
+    jumps = speed_jumps(cycle.records, cycle.values)
+    worst = max(jumps, key=lambda jump: abs(jump["jump_m_s"]))
+    fits = abs(worst["jump_m_s"]) <= worst["allowed_m_s"] * (1 + MARGIN_TOLERANCE)
+    text = (
+        f"largest speed jump {worst['jump_m_s']:+.1f} m/s ({worst['from_phase']} to {worst['to_phase']}), "
+        f"the winch can do {worst['allowed_m_s']:g} m/s in the phase-change time"
+    )
+    return Check("speed jumps", fits if limited else None, abs(worst["jump_m_s"]), worst["allowed_m_s"], text)

@@ -1,0 +1,234 @@
+"""The elastic version of a nonlinear program: its parameters may move, at a price.
+
+Where a program has no feasible point, the cheapest move of its parameters that gives it one says what is wrong. A
+`Relief` is one slack s >= 0 that moves some parameters, p + s * amount; whatever depends on them, bounds of variables
+and of rows as well as the rows themselves, follows. With positive weights w the elastic program is::
+
+    minimise w' s + 1e-3 s' s    subject to the program's rows and bounds at the moved parameters, 0 <= s <= cap
+
+which is feasible as soon as the reliefs reach far enough, and zero exactly where the program itself is feasible
+(Chinneck 2008, Feasibility and Infeasibility in Optimization, chapter 6). A relief of weight zero is a limit dropped,
+one of cap zero a limit held; all are numbers, so that one build serves every question asked of one structure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import ArrayLike
+
+from kiteocp.ocp.collocation import FloatArray
+from kiteocp.ocp.nlp import Label, NonlinearProgram
+from kiteocp.ocp.nlpsolver import Solution, Solver
+
+#: Price of the square of a slack, beside 1 for the slack: makes the optimum of several equal ones unique.
+SQUARE_WEIGHT = 1e-3
+
+#: Where every slack starts: inside its bounds, and enough to leave the crude starts some room.
+SLACK_START = 0.1
+
+#: Its answer is a number for people, so 1e-6 is enough; what is feasible is checked by the program itself afterwards.
+ELASTIC_IPOPT_OPTIONS: Mapping[str, Any] = {"tol": 1e-6, "max_iter": 200}
+
+
+@dataclass(frozen=True)
+class Relief:
+    """One slack and the parameters it moves.
+
+    Attributes
+    ----------
+    name
+        For reports.
+    parameters
+        Indices in the parameter vector.
+    """
+
+    name: str
+    parameters: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Price:
+    """What a relief costs and how far it goes.
+
+    Attributes
+    ----------
+    amount
+        Change of its parameters for a slack of one, shape (number of its parameters,).
+    cap
+        Largest slack; zero holds the limit.
+    weight
+        Price of a slack of one; zero drops the limit.
+    """
+
+    amount: ArrayLike
+    cap: float
+    weight: float = 1.0
+
+
+@dataclass(frozen=True)
+class ElasticSolution:
+    """The cheapest move found from one start.
+
+    Attributes
+    ----------
+    solution
+        As the solver returned it, of the elastic program.
+    x
+        Variables of the program itself, shape (variables,).
+    p
+        Moved parameters, shape (parameters,).
+    slacks
+        Of every relief.
+    cost
+        Weighted sum of the slacks.
+    pressure
+        Of every relief what a little more of it would save, from the multipliers: 1 for a relief in use at weight 1,
+        0 for one that has no part in the conflict.
+    """
+
+    solution: Solution
+    x: FloatArray
+    p: FloatArray
+    slacks: Mapping[str, float]
+    cost: float
+    pressure: Mapping[str, float]
+
+    @property
+    def success(self) -> bool:
+        """Whether the solver met its tolerances."""
+        return self.solution.success
+
+
+class ElasticProgram:
+    """A program whose parameters may move, and its solver; built once.
+
+    Parameters
+    ----------
+    program
+        The program as it is.
+    reliefs
+        What may move. Those that no row and no bound depends on are left out.
+    options
+        IPOPT options that replace or extend `ELASTIC_IPOPT_OPTIONS`.
+
+    Attributes
+    ----------
+    reliefs
+        Those that bear on feasibility.
+    rows
+        Label of every row of the elastic program; a bound that moves is a row of its own, with the label of the
+        variable or row that it bounds.
+    """
+
+    def __init__(
+        self, program: NonlinearProgram, reliefs: Sequence[Relief], options: Mapping[str, Any] | None = None
+    ) -> None:
+        self.program = program
+        self.reliefs = tuple(relief for relief in reliefs if _bears(program, relief))
+        count, moved_count = len(self.reliefs), sum(len(relief.parameters) for relief in self.reliefs)
+        slacks, amounts = ca.SX.sym("slack", count), ca.SX.sym("amount", moved_count)
+        weights, caps = ca.SX.sym("weight", count), ca.SX.sym("cap", count)
+        moved, used = ca.SX(program.p), 0
+        for index, relief in enumerate(self.reliefs):
+            for parameter in relief.parameters:
+                moved[parameter] += slacks[index] * amounts[used]
+                used += 1
+        rows, bounds, self.rows = _relieved(program, moved, slacks)
+        parameters = ca.vertcat(program.p, amounts, weights, caps)
+        lbx, ubx, lbg, ubg = bounds
+        limits = [ca.vertcat(lbx, ca.SX.zeros(count)), ca.vertcat(ubx, caps), lbg, ubg]
+        elastic = replace(
+            program,
+            x=ca.vertcat(program.x, slacks),
+            p=parameters,
+            f=ca.dot(weights, slacks) + SQUARE_WEIGHT * ca.sumsqr(slacks),
+            g=rows,
+            bounds=ca.Function("bounds", [parameters], limits, ["p"], ["lbx", "ubx", "lbg", "ubg"]),
+            variables=(*program.variables, *(Label("slack", relief.name) for relief in self.reliefs)),
+            rows=self.rows,
+        )
+        self.solver = Solver(elastic, {**ELASTIC_IPOPT_OPTIONS, **(options or {})})
+        self._moved = ca.Function("moved", [slacks, parameters], [moved])
+        self._pull = ca.Function("pull", [elastic.x, parameters], [ca.jacobian(rows, slacks)])
+
+    def solve(self, x0: ArrayLike, p: ArrayLike, prices: Mapping[str, Price]) -> ElasticSolution:
+        """Find the cheapest move from one start.
+
+        Parameters
+        ----------
+        x0
+            Start of the program itself, shape (variables,).
+        p
+            Parameters of the program, shape (parameters,).
+        prices
+            Of the reliefs that may be used; the others are held.
+
+        Returns
+        -------
+        ElasticSolution
+            Also when the solver failed; look at `success`.
+        """
+        held = {relief.name: Price(np.zeros(len(relief.parameters)), 0.0) for relief in self.reliefs}
+        chosen = [prices.get(relief.name, held[relief.name]) for relief in self.reliefs]
+        amounts = [np.atleast_1d(np.asarray(price.amount, dtype=float)) for price in chosen]
+        caps = np.array([price.cap for price in chosen])
+        weights = np.array([price.weight for price in chosen])
+        parameters = np.concatenate([np.asarray(p, dtype=float), *amounts, weights, caps])
+        start = np.concatenate([np.asarray(x0, dtype=float), np.minimum(SLACK_START, 0.5 * caps)])
+        solution = self.solver.solve(start, parameters)
+        split = len(self.program.variables)
+        slacks = solution.x[split:]
+        names = [relief.name for relief in self.reliefs]
+        return ElasticSolution(
+            solution,
+            solution.x[:split],
+            self._moved(slacks, parameters).full().ravel(),
+            dict(zip(names, map(float, slacks), strict=True)),
+            float(weights @ slacks),
+            dict(zip(names, map(float, -self.pull(solution).sum(axis=0)), strict=True)),
+        )
+
+    def pull(self, solution: Solution) -> FloatArray:
+        """Return multiplier times derivative with respect to each slack, shape (rows, reliefs); negative: it helps."""
+        jacobian = np.asarray(self._pull(solution.x, solution.p).full(), dtype=np.float64)
+        return np.asarray(solution.lam_g[:, None] * jacobian, dtype=np.float64)
+
+
+def _bears(program: NonlinearProgram, relief: Relief) -> bool:
+    """Whether any row or bound depends on the parameters of a relief."""
+    symbols = program.p[list(relief.parameters)]
+    return bool(ca.depends_on(ca.veccat(program.g, *program.bounds(program.p)), symbols))
+
+
+def _relieved(program: NonlinearProgram, moved: Any, slacks: Any) -> tuple[Any, list[Any], tuple[Label, ...]]:
+    """Return rows, bounds (lbx, ubx, lbg, ubg) and row labels with every bound that moves made a row of its own."""
+    lbx, ubx, lbg, ubg = (ca.SX(bound) for bound in program.bounds(moved))
+    (fixed_rows,) = ca.Function("rows", [program.x, program.p], [program.g]).call([program.x, moved])
+    rows, lower, upper, labels = [], [], [], []
+    for expressions, low, high, names, is_row in (
+        (program.x, lbx, ubx, program.variables, False),
+        (fixed_rows, lbg, ubg, program.rows, True),
+    ):
+        for index, label in enumerate(names):
+            value, own = expressions[index], [low[index], high[index]]
+            for side, (bound, sign) in enumerate(((low[index], 1.0), (high[index], -1.0))):
+                if ca.depends_on(bound, slacks):
+                    # Zero is its lower bound whichever side it came from.
+                    rows.append(sign * (value - bound))
+                    lower.append(ca.SX(0.0))
+                    upper.append(ca.SX(np.inf))
+                    labels.append(label)
+                    own[side] = ca.SX(-sign * np.inf)
+            if not is_row:
+                low[index], high[index] = own
+            elif not all(ca.is_equal(end, ca.SX(far)) for end, far in zip(own, (-np.inf, np.inf), strict=True)):
+                rows.append(value)
+                lower.append(own[0])
+                upper.append(own[1])
+                labels.append(label)
+    return ca.vertcat(*rows), [lbx, ubx, ca.vertcat(*lower), ca.vertcat(*upper)], tuple(labels)
