@@ -17,17 +17,23 @@ HELP = "find the optimal cycle and compare it with the prescribed one"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the problem."""
+    """Add the problem and how thoroughly its optimum is checked."""
     add_calculation(parser)
+    parser.add_argument(
+        "--certificate",
+        choices=("full", "quick"),
+        default="full",
+        help="full refines the mesh until the optimal power stays the same; quick judges the mesh of the problem file",
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
     """Solve, save, print and draw."""
-    return calculate(arguments, NAME, _solve)
 
+    def compute(problem: Problem) -> Result:
+        # Imported once the problem is known to be good: a mistake in it is answered without waiting for CasADi.
+        from kiteocp.ocp import solve  # noqa: PLC0415
 
-def _solve(problem: Problem) -> Result:
-    # Imported once the problem is known to be good: a mistake in it is answered without waiting for CasADi.
-    from kiteocp.ocp import solve  # noqa: PLC0415
+        return solve(problem, certificate=arguments.certificate)
 
-    return solve(problem)
+    return calculate(arguments, NAME, compute)

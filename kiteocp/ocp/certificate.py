@@ -92,6 +92,11 @@ class Certificate:
         """``certified`` or ``not_certified``."""
         return "certified" if self.passed else "not_certified"
 
+    @property
+    def message(self) -> str:
+        """What failed, in one sentence."""
+        return "; ".join(f"the check of {check.name} failed: {check.text}" for check in self.failures)
+
     def to_dict(self) -> dict[str, Any]:
         """Return the certificate as plain values for the summary."""
         return {

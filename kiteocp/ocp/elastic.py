@@ -7,8 +7,10 @@ and of rows as well as the rows themselves, follows. With positive weights w the
     minimise w' s + 1e-3 s' s    subject to the program's rows and bounds at the moved parameters, 0 <= s <= cap
 
 which is feasible as soon as the reliefs reach far enough, and zero exactly where the program itself is feasible
-(Chinneck 2008, Feasibility and Infeasibility in Optimization, chapter 6). A relief of weight zero is a limit dropped,
-one of cap zero a limit held; all are numbers, so that one build serves every question asked of one structure.
+(Chinneck 2008, Feasibility and Infeasibility in Optimization). Amounts, weights and caps are numbers, so that one
+build serves every question asked of one structure. To ask what some reliefs can do alone, give the others a large
+weight rather than hold them: the program then stays feasible, which IPOPT finds easy, and if they vanish from the
+optimum they were not needed.
 """
 
 from __future__ import annotations
@@ -60,9 +62,9 @@ class Price:
     amount
         Change of its parameters for a slack of one, shape (number of its parameters,).
     cap
-        Largest slack; zero holds the limit.
+        Largest slack; zero holds the parameters. The bounds of variables must widen all the way to it.
     weight
-        Price of a slack of one; zero drops the limit.
+        Price of a slack of one.
     """
 
     amount: ArrayLike
@@ -84,19 +86,12 @@ class ElasticSolution:
         Moved parameters, shape (parameters,).
     slacks
         Of every relief.
-    cost
-        Weighted sum of the slacks.
-    pressure
-        Of every relief what a little more of it would save, from the multipliers: 1 for a relief in use at weight 1,
-        0 for one that has no part in the conflict.
     """
 
     solution: Solution
     x: FloatArray
     p: FloatArray
     slacks: Mapping[str, float]
-    cost: float
-    pressure: Mapping[str, float]
 
     @property
     def success(self) -> bool:
@@ -138,9 +133,10 @@ class ElasticProgram:
             for parameter in relief.parameters:
                 moved[parameter] += slacks[index] * amounts[used]
                 used += 1
-        rows, bounds, self.rows = _relieved(program, moved, slacks)
+        rows, (lbg, ubg), self.rows = _relieved(program, moved, slacks)
         parameters = ca.vertcat(program.p, amounts, weights, caps)
-        lbx, ubx, lbg, ubg = bounds
+        # A variable keeps the bounds that hold at the ends of all reliefs, lest it leave the domain of the model.
+        lbx, ubx = ca.substitute(list(program.bounds(moved))[:2], [slacks], [caps])
         limits = [ca.vertcat(lbx, ca.SX.zeros(count)), ca.vertcat(ubx, caps), lbg, ubg]
         elastic = replace(
             program,
@@ -154,7 +150,7 @@ class ElasticProgram:
         )
         self.solver = Solver(elastic, {**ELASTIC_IPOPT_OPTIONS, **(options or {})})
         self._moved = ca.Function("moved", [slacks, parameters], [moved])
-        self._pull = ca.Function("pull", [elastic.x, parameters], [ca.jacobian(rows, slacks)])
+        self._effect = ca.Function("effect", [elastic.x, parameters], [ca.jacobian(rows, slacks)])
 
     def solve(self, x0: ArrayLike, p: ArrayLike, prices: Mapping[str, Price]) -> ElasticSolution:
         """Find the cheapest move from one start.
@@ -189,14 +185,21 @@ class ElasticProgram:
             solution.x[:split],
             self._moved(slacks, parameters).full().ravel(),
             dict(zip(names, map(float, slacks), strict=True)),
-            float(weights @ slacks),
-            dict(zip(names, map(float, -self.pull(solution).sum(axis=0)), strict=True)),
         )
 
-    def pull(self, solution: Solution) -> FloatArray:
-        """Return multiplier times derivative with respect to each slack, shape (rows, reliefs); negative: it helps."""
-        jacobian = np.asarray(self._pull(solution.x, solution.p).full(), dtype=np.float64)
-        return np.asarray(solution.lam_g[:, None] * jacobian, dtype=np.float64)
+    def savings(self, found: ElasticSolution, name: str) -> FloatArray:
+        """Return what a little more of a relief would save through each row, from the multipliers.
+
+        The rows through which a relief acts are where its limit bites. Over all rows a relief in use saves its
+        weight; one that has no part in the conflict saves nothing.
+
+        Returns
+        -------
+        ndarray, shape (rows,)
+        """
+        index = [relief.name for relief in self.reliefs].index(name)
+        effect = np.asarray(self._effect(found.solution.x, found.solution.p).full()[:, index], dtype=np.float64)
+        return np.asarray(-found.solution.lam_g * effect, dtype=np.float64)
 
 
 def _bears(program: NonlinearProgram, relief: Relief) -> bool:
@@ -205,8 +208,8 @@ def _bears(program: NonlinearProgram, relief: Relief) -> bool:
     return bool(ca.depends_on(ca.veccat(program.g, *program.bounds(program.p)), symbols))
 
 
-def _relieved(program: NonlinearProgram, moved: Any, slacks: Any) -> tuple[Any, list[Any], tuple[Label, ...]]:
-    """Return rows, bounds (lbx, ubx, lbg, ubg) and row labels with every bound that moves made a row of its own."""
+def _relieved(program: NonlinearProgram, moved: Any, slacks: Any) -> tuple[Any, tuple[Any, Any], tuple[Label, ...]]:
+    """Return rows, their bounds and their labels, every bound that moves made a row of its own."""
     lbx, ubx, lbg, ubg = (ca.SX(bound) for bound in program.bounds(moved))
     (fixed_rows,) = ca.Function("rows", [program.x, program.p], [program.g]).call([program.x, moved])
     rows, lower, upper, labels = [], [], [], []
@@ -224,11 +227,9 @@ def _relieved(program: NonlinearProgram, moved: Any, slacks: Any) -> tuple[Any, 
                     upper.append(ca.SX(np.inf))
                     labels.append(label)
                     own[side] = ca.SX(-sign * np.inf)
-            if not is_row:
-                low[index], high[index] = own
-            elif not all(ca.is_equal(end, ca.SX(far)) for end, far in zip(own, (-np.inf, np.inf), strict=True)):
+            if is_row and not all(ca.is_equal(end, ca.SX(far)) for end, far in zip(own, (-np.inf, np.inf), strict=True)):
                 rows.append(value)
                 lower.append(own[0])
                 upper.append(own[1])
                 labels.append(label)
-    return ca.vertcat(*rows), [lbx, ubx, ca.vertcat(*lower), ca.vertcat(*upper)], tuple(labels)
+    return ca.vertcat(*rows), (ca.vertcat(*lower), ca.vertcat(*upper)), tuple(labels)

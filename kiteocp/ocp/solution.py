@@ -19,7 +19,7 @@ from kiteocp.ocp.formulation import Formulation, cycle_program
 from kiteocp.ocp.limits import SCALES
 from kiteocp.ocp.nlpsolver import Solution, Solver
 from kiteocp.ocp.optimum import OptimalCycle, active_limits, speed_jumps
-from kiteocp.ocp.starts import STARTS, guess_of, pinned_start
+from kiteocp.ocp.starts import STARTS, guess_of, pinned_start, rescue_starts
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values
 from kiteocp.problem import Problem
 from kiteocp.result import Result
@@ -192,7 +192,10 @@ def solver_options(problem: Problem) -> tuple[tuple[str, Any], ...]:
 
 
 def solve_from_starts(solver: Solver, values: ParameterValues) -> list[Attempt]:
-    """Solve from every start, and from a shortest traction that is solved first and then released."""
+    """Solve from every start, and from a shortest traction that is solved first and then released.
+
+    Where none of these leads to a cycle, random starts are tried until one does.
+    """
     program = solver.program
     attempts = [
         Attempt(start.name, solver.solve(program.pack(guess_of(start, values, program)), values.vector))
@@ -201,6 +204,11 @@ def solve_from_starts(solver: Solver, values: ParameterValues) -> list[Attempt]:
     guess, pinned = pinned_start(values, program)
     held = solver.solve(program.pack(guess), values.vector, pinned=pinned)
     attempts.append(Attempt("shortest traction", solver.solve(held.x, values.vector)))
+    for start in [] if any(attempt.solution.success for attempt in attempts) else rescue_starts():
+        solution = solver.solve(program.pack(guess_of(start, values, program)), values.vector)
+        attempts.append(Attempt(start.name, solution))
+        if solution.success:
+            break
     return attempts
 
 
@@ -253,6 +261,7 @@ def result_of(optimum: Optimum, total_time_s: float) -> Result:
                 "rows": len(optimum.solver.program.rows),
             },
             "certificate": optimum.certificate.to_dict(),
+            **({} if optimum.certificate.passed else {"message": optimum.certificate.message}),
             "starts": [
                 {
                     "start": attempt.start,

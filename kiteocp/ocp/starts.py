@@ -41,6 +41,29 @@ STARTS = (
     Start("short cycle", 22.0, 40.0, 0.2, (15.0, 4.0, 20.0)),
 )
 
+#: How many random starts are tried where none of the others led to a cycle, and the seed that makes them repeatable.
+RESCUE_STARTS = 10
+RESCUE_SEED = 20190101
+
+
+def random_start(random: np.random.Generator, name: str = "random") -> Start:
+    """Draw a crude cycle from a wide range."""
+    low = float(random.uniform(20.0, 60.0))
+    return Start(
+        name,
+        low,
+        float(random.uniform(low, 85.0)),
+        float(random.uniform(0.05, 1.0)),
+        (float(random.uniform(5.0, 100.0)), float(random.uniform(1.0, 20.0)), float(random.uniform(20.0, 120.0))),
+    )
+
+
+def rescue_starts() -> list[Start]:
+    """Return the random starts for problems that resist the others, the same ones at every call."""
+    random = np.random.default_rng(RESCUE_SEED)
+    return [random_start(random, f"random {i + 1}") for i in range(RESCUE_STARTS)]
+
+
 #: Forces of the start over the limits: a little inside them.
 TRACTION_FORCE_SHARE = 0.9
 RETRACTION_FORCE_SHARE = 1.1

@@ -40,6 +40,7 @@ def format_result(result: Result) -> str:
     lines += _format_active_limits(result.details.get("active_limits") or {})
     if solver := result.details.get("solver"):
         lines.append(f"solver: {_format_solver(solver)}")
+    lines += _format_certificate(result.details.get("certificate") or {})
     lines += [f"warning: {text}" for text in result.warnings]
     return "\n".join(lines)
 
@@ -153,6 +154,18 @@ def describe_limit(limit: Mapping[str, Any]) -> str:
         # A limit met at one moment, as the longest tether at the end of traction, holds for no time at all.
         text += f" ({100.0 * share:.0f} %)" if share >= LASTING_SHARE else " (at a point)"
     return text
+
+
+def _format_certificate(certificate: Mapping[str, Any]) -> list[str]:
+    """Return a heading and a line for each check, or no lines."""
+    checks = certificate.get("checks") or []
+    if not checks:
+        return []
+    words = {True: "ok", False: "FAILED", None: "note"}
+    width = max(len(check["name"]) for check in checks)
+    verdict = "every check passed" if certificate.get("passed") else "NOT certified"
+    lines = [f"  {words[check['passed']].ljust(6)}  {check['name'].ljust(width)}  {check['text']}" for check in checks]
+    return [f"certificate ({certificate.get('level')}): {verdict}", *lines]
 
 
 def _format_solver(solver: Mapping[str, Any]) -> str:

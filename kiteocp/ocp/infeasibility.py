@@ -1,0 +1,318 @@
+"""Why there is no cycle: which limits are in conflict, and how far each would have to move.
+
+Every question is the same one, "can these alone make a cycle possible, and by how little?", put to the elastic
+version of the cycle problem (`kiteocp.ocp.elastic`): the limits that may move have weight 1, everything else a large
+one. The wind speed may move as well, at a large weight, so that the program always has a feasible point.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from kiteocp.cycle.remedies import wind_keys
+from kiteocp.ocp.collocation import FloatArray
+from kiteocp.ocp.conflict import Conflict, Infeasibility, sentence_of
+from kiteocp.ocp.elastic import ElasticProgram, ElasticSolution, Price, Relief
+from kiteocp.ocp.formulation import Formulation, cycle_program
+from kiteocp.ocp.starts import STARTS, Start, guess_of
+from kiteocp.ocp.trajectory import Trajectory
+from kiteocp.physics.parameters import ParameterValues, Structure
+from kiteocp.problem.catalogue import catalogue
+
+#: Mesh of the elastic program; the slacks differ from those of the default mesh by 1e-4 or less.
+INTERVALS, DEGREE = (3, 2, 2), 3
+
+#: Wind speed upwards and downwards, beside the limits.
+WIND_UP, WIND_DOWN = "wind up", "wind down"
+
+#: Weights of what is not to move, and of the second try: the first is easier, the second all but exact.
+HEAVY = (1e2, 1e4)
+
+#: Below this a slack is no relaxation: a thousandth of a limit is below its margin in a certificate, and the solver's
+#: own rest is 1e-6.
+NOTHING = 1e-4
+
+#: Farthest moves: upwards to ten times the number, downwards short of zero.
+CAP_UP, CAP_DOWN = 9.0, 0.99
+
+#: Starts that must agree on the joint optimum, and how many are drawn to get them.
+STARTS_WANTED, STARTS_TRIED = 5, 8
+
+#: A limit that saves less has no part in the conflict.
+NO_PART = 1e-3
+
+#: A limit bites at the points that save this share of the most.
+BITES = 0.1
+
+
+def explain(values: ParameterValues, formulation: Formulation) -> Infeasibility:
+    """Say why no cycle was found; to be asked only after every start has failed.
+
+    Parameters
+    ----------
+    values
+        The problem's numbers.
+    formulation
+        Its choices; the mesh is replaced by a coarse one.
+
+    Returns
+    -------
+    Infeasibility
+        With a `start` if the elastic optimum vanishes, that is if a cycle may exist after all.
+    """
+    return _Search(values, formulation).answer()
+
+
+@lru_cache(maxsize=16)
+def elastic_program(structure: Structure, formulation: Formulation) -> ElasticProgram:
+    """Build (once) the elastic program of a structure: every limit and the wind speed may move."""
+    limits = [Relief(key, (i,)) for i, key in enumerate(structure.keys) if key.startswith("limits.")]
+    wind = tuple(structure.keys.index(key) for key in wind_keys(structure))
+    return ElasticProgram(
+        cycle_program(structure, formulation), [*limits, Relief(WIND_UP, wind), Relief(WIND_DOWN, wind)]
+    )
+
+
+def loosening(key: str) -> int:
+    """Direction in which a limit loosens: a minimum downwards, a maximum (and a time that is allowed) upwards."""
+    return -1 if "_min_" in key else 1
+
+
+def farthest(key: str, value: float) -> float:
+    """Largest relative move of a limit in its loosening direction that a problem file may hold."""
+    if loosening(key) < 0:
+        return CAP_DOWN if value > 0 else 0.0
+    bounds = next(entry.bounds for entry in catalogue().walk() if entry.path == key)
+    highest = bounds.get("le", 0.999 * bounds.get("lt", np.inf))
+    return min(CAP_UP, highest / value - 1) if value > 0 else CAP_UP
+
+
+@dataclass
+class _Repair:
+    """The cheapest relaxation found with some reliefs, and whether these alone sufficed."""
+
+    found: ElasticSolution
+    complete: bool
+
+
+class _Search:
+    """The questions asked of one problem."""
+
+    def __init__(self, values: ParameterValues, formulation: Formulation) -> None:
+        self.values = values
+        self.elastic = elastic_program(values.structure, replace(formulation, intervals=INTERVALS, degree=DEGREE))
+        self.limits = [r.name for r in self.elastic.reliefs if r.name not in (WIND_UP, WIND_DOWN)]
+        self.starts = 0
+
+    def answer(self) -> Infeasibility:
+        """Find the joint optimum, the limits in conflict, what each alone would need, and the wind."""
+        joint = self.joint()
+        if joint is None:
+            return Infeasibility("no cycle found, and no relaxation of the limits or the wind found either", ())
+        total = sum(joint.found.slacks.values())
+        if total < NOTHING:
+            return Infeasibility(
+                "no cycle found, although the limits seem to leave room for one",
+                (),
+                elastic_sum=total,
+                starts=self.starts,
+                start=self.trajectory(joint.found),
+            )
+        # What the limits cannot repair together is not their conflict.
+        alone, keys = self.smallest_conflict(joint.found) if joint.complete else ({}, [])
+        conflict = sorted(
+            (self.conflict(key, alone.get(key), joint.found) for key in keys),
+            key=lambda c: (not c.alone, abs(c.relative_change or 0.0)),
+        )
+        factor = self.wind_factor(joint.found)
+        relaxation = {
+            key: self.moved(key, slack)
+            for key, slack in joint.found.slacks.items()
+            if joint.complete and key in self.limits and slack > NOTHING
+        }
+        return Infeasibility(
+            sentence_of(self.values, conflict, factor, relaxation),
+            tuple(conflict),
+            wind_factor=factor,
+            wind_needed_m_s=self.wind_speed(factor),
+            relaxation=relaxation,
+            elastic_sum=total,
+            starts=self.starts,
+        )
+
+    def joint(self) -> _Repair | None:
+        """Relax all limits together, from several starts, and keep the cheapest."""
+        found: list[_Repair] = []
+        for start in crude_starts(STARTS_TRIED):
+            repair = self.repair(self.limits, self.packed(start))
+            if repair is not None:
+                found.append(repair)
+            if len(found) == STARTS_WANTED or (found and sum(found[-1].found.slacks.values()) < NOTHING):
+                break
+        self.starts = len(found)
+        return min(found, key=lambda r: (not r.complete, sum(r.found.slacks.values())), default=None)
+
+    def repair(self, allowed: Collection[str], x0: FloatArray) -> _Repair | None:
+        """Relax some reliefs as little as possible, the others only if these do not suffice; None if IPOPT failed."""
+        repair = None
+        for heavy in HEAVY:
+            prices = {r.name: self.price(r, 1.0 if r.name in allowed else heavy) for r in self.elastic.reliefs}
+            found = self.elastic.solve(x0, self.values.vector, prices)
+            if found.success:
+                rest = sum(slack for name, slack in found.slacks.items() if name not in allowed)
+                repair = _Repair(found, rest < NOTHING)
+                if repair.complete:
+                    break
+                x0 = found.x
+        return repair
+
+    def suffices(self, allowed: Collection[str], near: ElasticSolution) -> ElasticSolution | None:
+        """Relaxation of these reliefs that makes a cycle possible, sought from a neighbour and from a crude start."""
+        for x0 in (near.x, self.packed(STARTS[-1])):
+            repair = self.repair(allowed, x0)
+            if repair is not None and repair.complete:
+                return repair.found
+        return None
+
+    def smallest_conflict(self, joint: ElasticSolution) -> tuple[dict[str, ElasticSolution], list[str]]:
+        """Find the limits that alone can repair, and a smallest set in conflict, of which these must be part.
+
+        The rest of the set is found by deletion: a limit is needed if without it and those already deleted there is
+        no conflict.
+        """
+        savings = {key: float(np.sum(self.elastic.savings(joint, key))) for key in self.limits}
+        candidates = sorted((key for key in self.limits if savings[key] > NO_PART), key=lambda key: savings[key])
+        alone = {key: found for key in candidates if (found := self.suffices([key], joint)) is not None}
+        # What a relaxation moved repairs: no deletion may cover it. A repair that was overlooked shows up later.
+        repairs: list[set[str]] = []
+        others = [key for key in self.limits if key not in alone]
+        if not self.repairs(others, joint, repairs):
+            return alone, list(alone)
+        deleted: list[str] = []
+        needed: list[str] = []
+        pending = sorted(others, key=lambda key: savings[key])
+        while pending:
+            key = pending.pop(0)
+            if not self.repairs([*deleted, key], joint, repairs):
+                deleted.append(key)
+            elif any(repair <= set(deleted) for repair in repairs):
+                deleted, needed, pending = [], [], sorted(others, key=lambda key: savings[key])
+            else:
+                needed.append(key)
+        return alone, [*alone, *needed]
+
+    def repairs(self, deleted: Collection[str], near: ElasticSolution, known: list[set[str]]) -> bool:
+        """Whether a cycle exists without these limits; remembers which of them had to move."""
+        if any(repair <= set(deleted) for repair in known):
+            return True
+        found = self.suffices(deleted, near)
+        if found is not None:
+            known.append({key for key in deleted if found.slacks[key] > NOTHING})
+        return found is not None
+
+    def conflict(self, key: str, alone: ElasticSolution | None, joint: ElasticSolution) -> Conflict:
+        """Say what a limit of the conflict alone would have to be, and where it bites."""
+        slack = None if alone is None else alone.slacks[key]
+        phase, elevation, length = self.place(key, joint if joint.slacks[key] > NOTHING or alone is None else alone)
+        return Conflict(
+            key,
+            self.values[key],
+            needed=None if slack is None else self.moved(key, slack),
+            relative_change=None if slack is None else loosening(key) * slack,
+            phase=phase,
+            elevation_deg=elevation,
+            tether_length_m=length,
+        )
+
+    def place(
+        self, key: str, found: ElasticSolution
+    ) -> tuple[str | None, tuple[float, float] | None, tuple[float, float] | None]:
+        """Phase, elevations and tether lengths at the points through which a limit saves most."""
+        savings = self.elastic.savings(found, key)
+        if not np.max(savings) > 0:
+            return None, None, None
+        by_phase: dict[str | None, float] = {}
+        for label, saving in zip(self.elastic.rows, savings, strict=True):
+            # The elevation of the traction, where it is one number, and the stroke belong to no point.
+            phase = label.phase or ("traction" if label.kind == "static" or label.name == key else None)
+            by_phase[phase] = by_phase.get(phase, 0.0) + max(float(saving), 0.0)
+        name = max(by_phase, key=lambda phase: by_phase[phase])
+        if name is None:
+            return None, None, None
+        points = [
+            label.point
+            for label, saving in zip(self.elastic.rows, savings, strict=True)
+            if label.phase == name and label.point is not None and saving > BITES * np.max(savings)
+        ]
+        trajectory = self.trajectory(found)
+        states = trajectory[name].values
+        elevations = np.atleast_1d(np.degrees(states.get("elevation", trajectory.statics.get("elevation", np.nan))))
+        lengths = states["tether_length"]
+        if points and elevations.size > 1:
+            elevations = elevations[points]
+        lengths = lengths[points] if points else lengths
+        return name, _range(elevations), _range(lengths)
+
+    def wind_factor(self, joint: ElasticSolution) -> float | None:
+        """Nearest factor of the wind speed at which a cycle exists with all limits as they are."""
+        factors = []
+        for name, sign in ((WIND_UP, 1), (WIND_DOWN, -1)):
+            found = self.suffices([name], joint)
+            if found is not None:
+                factors.append(1 + sign * found.slacks[name])
+        return min(factors, key=lambda factor: abs(factor - 1), default=None)
+
+    def wind_speed(self, factor: float | None) -> float | None:
+        """Reference wind speed at a factor, the largest speed of a table."""
+        if factor is None:
+            return None
+        return factor * max(self.values[key] for key in wind_keys(self.values.structure))
+
+    def price(self, relief: Relief, weight: float) -> Price:
+        """Weight, direction and reach of a relief; a slack is relative to the number that it moves."""
+        value = self.values.vector[list(relief.parameters)]
+        if relief.name in (WIND_UP, WIND_DOWN):
+            up = relief.name == WIND_UP
+            return Price(value if up else -value, CAP_UP if up else CAP_DOWN, weight)
+        return Price(loosening(relief.name) * _size(float(value[0])), farthest(relief.name, float(value[0])), weight)
+
+    def moved(self, key: str, slack: float) -> float:
+        """Value of a limit after a slack."""
+        return self.values[key] + loosening(key) * slack * _size(self.values[key])
+
+    def trajectory(self, found: ElasticSolution) -> Trajectory:
+        """Read the cycle of a relaxation."""
+        return self.elastic.program.unpack(found.x, found.p)
+
+    def packed(self, start: Start) -> FloatArray:
+        """Return a crude start for the elastic program."""
+        return self.elastic.program.pack(guess_of(start, self.values, self.elastic.program))
+
+
+def crude_starts(count: int) -> Iterator[Start]:
+    """Yield the starts of the cycle problem, then random ones, the same at every call."""
+    yield from STARTS[:count]
+    random = np.random.default_rng(0)
+    for index in range(count - len(STARTS)):
+        low = random.uniform(20.0, 50.0)
+        yield Start(
+            f"random {index + 1}",
+            low,
+            random.uniform(low, 85.0),
+            random.uniform(0.1, 1.0),
+            (random.uniform(10.0, 60.0), random.uniform(2.0, 10.0), random.uniform(20.0, 80.0)),
+        )
+
+
+def _size(value: float) -> float:
+    return value if value > 0 else 1.0
+
+
+def _range(numbers: Any) -> tuple[float, float] | None:
+    low, high = float(np.min(numbers)), float(np.max(numbers))
+    return (low, high) if np.isfinite(low) else None
