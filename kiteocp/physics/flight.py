@@ -136,7 +136,13 @@ def flight_state(
     )
     [(control, value)] = given.items()
     state = solve_state(parameter_values(problem, gravity=gravity), place, control, value)
-    return {f"{name}_{OUTPUT_UNITS[name]}" if name in OUTPUT_UNITS else name: state[name] for name in OUTPUTS}
+    return {_named(name): state[name] for name in OUTPUTS}
+
+
+def _named(quantity: str) -> str:
+    """Name of a quantity with its unit, factors have none."""
+    unit = OUTPUT_UNITS.get(quantity)
+    return f"{quantity}_{unit}" if unit else quantity
 
 
 def solve_state(values: ParameterValues, place: Place, control: str, value: float) -> dict[str, float]:
@@ -150,7 +156,7 @@ def solve_state(values: ParameterValues, place: Place, control: str, value: floa
     """
     functions = equilibrium_functions(values.structure, control)
     arguments = np.concatenate([values.vector, place.vector(), [value]])
-    facts = {**place.__dict__, control: value}
+    facts = {**place.__dict__, _named(control): value}
     limit_low, limit_high = _domain(functions, arguments, control, place, facts)
     angles, residuals = _scan(functions, arguments, limit_low, limit_high)
     falls = _falls(residuals)
