@@ -231,7 +231,7 @@ def limit_warnings(records: Sequence[PhaseRecord], values: ParameterValues) -> l
         worst, phase = max((float(np.max(sign * record.output(quantity))), record.name) for record in records)
         if worst > limit * (1 + 1e-6):
             warnings.append(
-                f"The prescribed cycle is outside limits.{key} ({limit:g} {unit}): it {verb} {worst:.3g} {unit} "
-                f"in the {phase}."
+                f"the prescribed cycle is outside limits.{key} ({limit:g} {unit}): it {verb} {worst:.3g} {unit} "
+                f"in the {phase}"
             )
     return warnings

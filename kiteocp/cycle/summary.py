@@ -158,27 +158,27 @@ def validity_warnings(records: Sequence[PhaseRecord], values: ParameterValues) -
     profile = values.structure.choice("environment.wind.profile")
     highest = max(float(record.output("height").max()) for record in records)
     lowest = min(float(record.output("height").min()) for record in records)
-    if profile == "logarithmic" and highest > LOGARITHMIC_LAW_HEIGHT_M:
+    if profile == "logarithmic" and round(highest) > LOGARITHMIC_LAW_HEIGHT_M:
         warnings.append(
-            f"The kite flies up to {highest:.0f} m; the logarithmic wind profile is meant for heights up to "
-            f"{LOGARITHMIC_LAW_HEIGHT_M:.0f} m."
+            f"the kite flies up to {highest:.0f} m; the logarithmic wind profile is meant for heights up to "
+            f"{LOGARITHMIC_LAW_HEIGHT_M:.0f} m"
         )
     if profile == "table":
         heights = [values[key] for key in values.structure.keys if key.startswith("environment.wind.heights_m[")]
         if highest > max(heights) or lowest < min(heights):
             warnings.append(
-                f"The kite flies between {lowest:.0f} and {highest:.0f} m, beyond the wind table "
-                f"({min(heights):.0f} to {max(heights):.0f} m), whose end values are held there."
+                f"the kite flies between {lowest:.0f} and {highest:.0f} m, beyond the wind table "
+                f"({min(heights):.0f} to {max(heights):.0f} m), whose end values are held there"
             )
     if lowest < 0:
-        warnings.append(f"The flight path goes below the ground ({lowest:.0f} m).")
+        warnings.append(f"the flight path goes below the ground ({lowest:.0f} m)")
     for record in records:
         mass = tether_mass(record.tether_length_m, values["tether.diameter_m"], values["tether.density_kg_m3"])
         weight = mass * values["environment.gravity_m_s2"]
         gamma = float(np.max(relative_gravitational_force(weight, record.output("tether_force_kite"))))
         if gamma > SAG_LIMIT:
             warnings.append(
-                f"In the {record.name} the tether weighs up to {100 * gamma:.0f} % of its tension: it sags, and the "
-                "model's straight tether is a rough picture."
+                f"in the {record.name} the tether weighs up to {100 * gamma:.0f} % of its tension: it sags, and the "
+                "model's straight tether is a rough picture"
             )
     return warnings

@@ -1,7 +1,7 @@
 """What is known about an optimum: every claim recomputed from the numbers, none taken from the solver's word alone.
 
-A certificate is a list of checks. Those that must pass decide the status; the others inform. ``quick`` judges a solution
-on its own mesh; ``full`` has also solved a refinement of the mesh and compared.
+A certificate is a list of checks. Those that must pass decide the status; the others inform. ``quick`` judges a
+solution on its own mesh; ``full`` has also solved a refinement of the mesh and compared.
 """
 
 from __future__ import annotations
@@ -205,7 +205,8 @@ def limits_check(margins: Sequence[LimitMargin]) -> Check:
     if passed and worst.margin >= -1e-6:
         text = f"all {len(margins)} limits are kept, between the mesh points too"
     else:
-        text = f"{worst.key} is exceeded by {-100 * worst.margin:.2g} % in the {worst.phase}"
+        allowed = f"{100 * MARGIN_TOLERANCE:g} % allowed"
+        text = f"worst: {worst.key} exceeded by {-100 * worst.margin:.2g} % in the {worst.phase} ({allowed})"
     return Check("limits", passed, violation, MARGIN_TOLERANCE, text)
 
 
@@ -264,7 +265,8 @@ def starts_check(powers_W: Sequence[float | None]) -> Check:
         if not optima or abs(power - optima[-1]) > SAME_OPTIMUM * max(abs(optima[-1]), 1.0):
             optima.append(power)
     spread = (optima[0] - optima[-1]) / max(abs(optima[0]), 1.0) if optima else None
-    text = f"{len(reached)} of {len(powers_W)} starts led to {len(optima)} local optim{'um' if len(optima) == 1 else 'a'}"
+    word = "optimum" if len(optima) == 1 else "optima"
+    text = f"{len(reached)} of {len(powers_W)} starts led to {len(optima)} local {word}"
     if len(optima) > 1 and spread is not None:
         text += f", {100 * spread:.2g} % apart in power; the best is kept"
     return Check("starts", None if reached else False, spread, None, text)

@@ -33,7 +33,7 @@ from kiteocp.ocp.limits import SCALES, PathLimit, bounds_of, path_limits
 from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.transcription import transcribe
 from kiteocp.physics import kinematics
-from kiteocp.physics.equilibrium import outputs_of
+from kiteocp.physics.equilibrium import inflow_angle_at_force, outputs_of
 from kiteocp.physics.kinematics import Course, radians
 from kiteocp.physics.model import Model, Position
 from kiteocp.physics.parameters import Parameters, Structure, parameters_of
@@ -68,6 +68,9 @@ class Formulation:
         ``fixed``, ``traction`` or ``all``.
     speed_jumps
         ``free``, or ``limited`` to what the winch can do in the phase-change time.
+    equilibrium
+        ``implicit``: the inflow angle is a variable and its residual a constraint; ``explicit``: the closed form of the
+        force-controlled state takes their place, fewer variables for the same optimum.
     intervals
         Mesh intervals of retraction, transition and traction.
     degree
@@ -78,6 +81,7 @@ class Formulation:
     traction_elevation: str
     power_setting: str
     speed_jumps: str
+    equilibrium: str
     intervals: tuple[int, int, int]
     degree: int
 
@@ -91,6 +95,7 @@ class Formulation:
             given.traction_elevation,
             given.power_setting,
             given.speed_jumps,
+            given.equilibrium,
             intervals,
             mesh.degree,
         )
@@ -163,6 +168,23 @@ def cycle_problem(structure: Structure, formulation: Formulation) -> OptimalCont
     )
 
 
+#: Limits that most optima keep by themselves, by phase; the solver looks at them only after a first solution.
+DEFERRED: dict[str, tuple[str, ...]] = {
+    "retraction": ("tether_force_kite", "power", "height"),
+    "transition": ("power", "height"),
+    "traction": ("tether_force_ground", "height", "forward flight"),
+}
+
+
+def deferred_rows(program: NonlinearProgram) -> list[int]:
+    """Return the rows that a first solution may leave out: rate limits and those of `DEFERRED`."""
+    rows = list(program.find_rows(kind="rate"))
+    for phase, names in DEFERRED.items():
+        for name in names:
+            rows += list(program.find_rows(phase=phase, kind="path", name=name))
+    return sorted(int(row) for row in rows)
+
+
 class _Builder:
     """The phases of one problem, which share parameters and limits."""
 
@@ -170,6 +192,7 @@ class _Builder:
         self.parameters = parameters
         self.model = Model(parameters)
         self.formulation = formulation
+        self.implicit = formulation.equilibrium == "implicit"
         self.limits: list[PathLimit] = path_limits(parameters.structure)
         self.traction_start: Any = None
         self.traction_end: Any = None
@@ -256,7 +279,7 @@ class _Builder:
             kind.name,
             duration=duration,
             states=[self.variable("tether_length", kind), *states],
-            algebraics=[Variable("inflow_angle", *INFLOW_ANGLE)],
+            algebraics=[Variable("inflow_angle", *INFLOW_ANGLE)] if self.implicit else [],
             controls=controls,
             model=model,
             rate_limits=[
@@ -268,7 +291,12 @@ class _Builder:
         """Dynamics, equilibrium and limits at a point."""
         setting = point["power_setting"] if self.formulation.schedules_power_setting(kind) else kind.setting
         around = self.model.surroundings(position, self.model.coefficients(setting))
-        state = self.model.state_at_force(position, around, point["radial_ground_force"], point["inflow_angle"])
+        force = point["radial_ground_force"]
+        if self.implicit:
+            inflow_angle = point["inflow_angle"]
+        else:
+            inflow_angle = inflow_angle_at_force(self.model, position, around, force).inflow_angle
+        state = self.model.state_at_force(position, around, force, inflow_angle)
         # What is a variable is not an output as well: every name has one meaning.
         outputs = {name: value for name, value in outputs_of(state).items() if name not in point.values}
         outputs["objective_power"] = self.objective_power(state.power)
@@ -283,7 +311,10 @@ class _Builder:
         if kind.course is None:
             forward = (around.wind.along_course - state.tangential_speed) / around.wind_speed
             constraints.append(PathConstraint("forward flight", forward**2, DISCRIMINANT_MIN, np.inf))
-        return PointExpressions(derivatives, [Residual("equilibrium", state.residual)], constraints, outputs)
+        if not self.implicit:
+            constraints.append(PathConstraint("inflow angle", inflow_angle, *INFLOW_ANGLE))
+        residuals = [Residual("equilibrium", state.residual)] if self.implicit else []
+        return PointExpressions(derivatives, residuals, constraints, outputs)
 
     def objective_power(self, power: Any) -> Any:
         """Power that the objective integrates: mechanical, or electrical behind generator and motor."""

@@ -15,7 +15,7 @@ from kiteocp.cycle.summary import channels_of, cycle_summary, phase_summaries, v
 from kiteocp.errors import CycleError, SolveError
 from kiteocp.ocp import certificate as certify
 from kiteocp.ocp.certificate import Certificate, Level
-from kiteocp.ocp.formulation import Formulation, cycle_program
+from kiteocp.ocp.formulation import Formulation, cycle_program, deferred_rows
 from kiteocp.ocp.limits import SCALES
 from kiteocp.ocp.nlpsolver import Solution, Solver
 from kiteocp.ocp.optimum import OptimalCycle, active_limits, speed_jumps
@@ -182,7 +182,8 @@ def _judged(
 @lru_cache(maxsize=32)
 def cycle_solver(structure: Structure, formulation: Formulation, options: tuple[tuple[str, Any], ...] = ()) -> Solver:
     """Build (once) the solver of a structure, for any numbers."""
-    return Solver(cycle_program(structure, formulation), dict(options))
+    program = cycle_program(structure, formulation)
+    return Solver(program, dict(options), deferred=deferred_rows(program))
 
 
 def solver_options(problem: Problem) -> tuple[tuple[str, Any], ...]:
@@ -283,7 +284,7 @@ def result_of(optimum: Optimum, total_time_s: float) -> Result:
 def jump_warnings(cycle: OptimalCycle) -> list[str]:
     """Say where the winch needs longer for a change of speed between phases than the phase-change time gives it."""
     return [
-        f"between {jump['from_phase']} and {jump['to_phase']} the reeling speed changes by {jump['jump_m_s']:+.1f} m/s, "
+        f"from {jump['from_phase']} to {jump['to_phase']} the reeling speed jumps by {jump['jump_m_s']:+.1f} m/s, "
         f"more than the winch can do in limits.phase_change_time_s ({jump['allowed_m_s']:g} m/s); "
         "optimisation.speed_jumps: limited keeps to that"
         for jump in speed_jumps(cycle.records, cycle.values)

@@ -110,10 +110,10 @@ class Machine(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class Mesh(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Collocation mesh of the optimal control problem."""
 
-    retraction_intervals: Annotated[int, quantity("1", "intervals of the retraction phase", ge=1, le=200)] = 6
-    transition_intervals: Annotated[int, quantity("1", "intervals of the transition phase", ge=1, le=200)] = 4
-    traction_intervals: Annotated[int, quantity("1", "intervals of the traction phase", ge=1, le=200)] = 4
-    degree: Annotated[int, quantity("1", "Radau points of an interval", ge=1, le=9)] = 3
+    retraction_intervals: Annotated[int, quantity("1", "intervals of the retraction phase", ge=1, le=200)] = 2
+    transition_intervals: Annotated[int, quantity("1", "intervals of the transition phase", ge=1, le=200)] = 2
+    traction_intervals: Annotated[int, quantity("1", "intervals of the traction phase", ge=1, le=200)] = 1
+    degree: Annotated[int, quantity("1", "Radau points of an interval", ge=1, le=9)] = 5
 
 
 class Optimisation(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -130,8 +130,12 @@ class Optimisation(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     )
     speed_jumps: Annotated[
         Literal["free", "limited"],
-        text("whether the reeling speed may jump between phases by more than the winch can do in the phase-change time"),
+        text("whether the reeling speed may jump between phases by more than the winch can do meanwhile"),
     ] = "free"
+    equilibrium: Annotated[
+        Literal["implicit", "explicit"],
+        text("whether the force equilibrium is a constraint with an unknown, or its closed form"),
+    ] = "implicit"
     tolerance: Annotated[float, quantity("1", "convergence tolerance of the solver", gt=0, le=0.01)] = 1e-8
     max_iterations: Annotated[int, quantity("1", "most iterations of the solver for one start", ge=1)] = 300
     mesh: Annotated[Mesh, section("collocation mesh")] = msgspec.field(default_factory=Mesh)
