@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from kiteocp import errors as errors
+    from kiteocp.analysis.winch import export_schedule as export_schedule
     from kiteocp.cycle import simulate as simulate
     from kiteocp.errors import CycleError as CycleError
     from kiteocp.errors import InputError as InputError
@@ -38,6 +39,7 @@ _HOMES: dict[str, str] = {
     "Problem": "kiteocp.problem",
     "Result": "kiteocp.result",
     "SolveError": "kiteocp.errors",
+    "export_schedule": "kiteocp.analysis.winch",
     "flight_state": "kiteocp.physics.flight",
     "load_problem": "kiteocp.problem",
     "load_result": "kiteocp.result",
@@ -56,6 +58,7 @@ __all__ = [
     "SolveError",
     "__version__",
     "errors",
+    "export_schedule",
     "flight_state",
     "load_problem",
     "load_result",
