@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import argparse
+import time
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kiteocp.cli.calculation import calculate
+from kiteocp.cli.output import say
 from kiteocp.cli.parser import add_calculation
 
 if TYPE_CHECKING:
+    from kiteocp.analysis.winch import WinchExport
     from kiteocp.problem import Problem
     from kiteocp.result import Result
 
@@ -25,15 +29,36 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default="full",
         help="full refines the mesh until the optimal power stays the same; quick judges the mesh of the problem file",
     )
+    parser.add_argument(
+        "--export",
+        metavar="DIR",
+        help="write what a winch controller takes into DIR: set points, switching conditions, laws and what they lose",
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Solve, save, print and draw."""
+    """Solve, save, print, draw and, where asked to, export."""
+    exports: list[WinchExport] = []
 
     def compute(problem: Problem) -> Result:
         # Imported once the problem is known to be good: a mistake in it is answered without waiting for CasADi.
-        from kiteocp.ocp import solve  # noqa: PLC0415
+        if arguments.export is None:
+            from kiteocp.ocp import solve  # noqa: PLC0415
 
-        return solve(problem, certificate=arguments.certificate)
+            return solve(problem, certificate=arguments.certificate)
+        from kiteocp.analysis.winch import winch_export  # noqa: PLC0415
+        from kiteocp.ocp.solution import optimise, result_of  # noqa: PLC0415
 
-    return calculate(arguments, NAME, compute)
+        began = time.perf_counter()
+        optimum = optimise(problem, certificate=arguments.certificate)
+        result = result_of(optimum, time.perf_counter() - began)
+        exports.append(winch_export(optimum))
+        result.details["winch"] = exports[0].to_dict()
+        return result
+
+    status = calculate(arguments, NAME, compute)
+    for export in exports:
+        written = export.save(Path(arguments.export))
+        if not arguments.json:
+            say(f"\n{export.report}\nexported: " + ", ".join(str(path) for path in written))
+    return status
