@@ -18,7 +18,7 @@ from kiteocp.cycle.summary import (
     phase_summaries,
     validity_warnings,
 )
-from kiteocp.errors import CycleError, NoEquilibriumError
+from kiteocp.errors import CycleError, InputError, NoEquilibriumError
 from kiteocp.physics.flight import Place, solve_state
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values
 from kiteocp.problem import Problem
@@ -67,9 +67,13 @@ def simulate(
 
     Raises
     ------
+    InputError
+        The time step is not a positive number.
     CycleError
         A state on the way does not exist, or a phase does not end.
     """
+    if time_step is not None and not 0 < time_step < np.inf:
+        raise InputError(f"time_step is {time_step}, but must be a positive number, as 0.01.")
     values = parameter_values(problem, gravity=gravity)
     flown = fly(values, equilibrium=equilibrium, time_step=time_step)
     records = [record_of(values, phase) for phase in flown]
@@ -122,6 +126,7 @@ def fly(
     }
     flown = []
     for name in PHASES:
+        _check_start(name, start, ends[name])
         try:
             if time_step is None:
                 integrator = _integrators(values.structure, equilibrium)[name]
@@ -134,6 +139,19 @@ def fly(
         flown.append(FlownPhase(name, states))
         start = np.array([0.0, states[-1, 1], states[-1, 2], 0.0])
     return flown
+
+
+def _check_start(name: PhaseName, start: np.ndarray, end: float) -> None:
+    """Refuse a phase that begins beyond its end: the transition flies down, the traction reels out."""
+    length, elevation = float(start[1]), float(np.degrees(start[2]))
+    if name == "transition" and start[2] <= end:
+        cause = f"the retraction ends at {elevation:.3g} deg, not above the traction ({np.degrees(end):.3g} deg)"
+    elif name == "traction" and length >= end:
+        cause = f"the transition has reeled out to {length:.4g} m of tether, beyond the {end:.4g} m where traction ends"
+    else:
+        return
+    facts = {"tether_length_m": length, "elevation_deg": elevation}
+    raise CycleError(name, f"before it begins: {cause}", facts, reason="domain")
 
 
 @lru_cache(maxsize=32)
