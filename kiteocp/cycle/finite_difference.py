@@ -10,13 +10,22 @@ from kiteocp.cycle.buffered import BufferedFunction
 from kiteocp.cycle.integrator import IntegrationError
 from kiteocp.cycle.laws import phase_functions
 from kiteocp.cycle.phases import PhaseName
+from kiteocp.cycle.summary import air_function
 from kiteocp.physics.parameters import ParameterValues
 
 
 def characteristic_time(values: ParameterValues) -> float:
-    """Characteristic time of the traction (eq:charsystemtime), s; the wind speed is that at the reference height."""
-    stroke = values["operation.tether_length_max_m"] - values["operation.tether_length_min_m"]
-    return stroke / values["environment.wind.reference_speed_m_s"]
+    """Characteristic time of the traction (eq:charsystemtime), s.
+
+    The wind speed is that at the reference height; a table has none, so that the one at the mean traction altitude
+    (eq:meantractionaltitude) takes its place.
+    """
+    shortest, longest = values["operation.tether_length_min_m"], values["operation.tether_length_max_m"]
+    if "environment.wind.reference_speed_m_s" in values:
+        return (longest - shortest) / values["environment.wind.reference_speed_m_s"]
+    altitude = 0.5 * (shortest + longest) * math.sin(math.radians(values["operation.traction.elevation_deg"]))
+    wind, _ = air_function(values.structure)(altitude, values.vector)
+    return (longest - shortest) / float(wind)
 
 
 def finite_difference_phase(
