@@ -44,8 +44,8 @@ PHRASES: dict[str, tuple[str, str]] = {
     "phase_change_time_s": ("change phase in {} s", "a phase-change time of {} s"),
 }
 
-#: Alternatives that the sentence names, of those that the conflict lists.
-ALTERNATIVES = 3
+#: Limits and alternatives that the sentence names; the conflict lists them all.
+NAMED, ALTERNATIVES = 4, 3
 
 #: How the kite flies in a phase.
 FLYING = {"retraction": "flying up", "transition": "flying down", "traction": "in traction"}
@@ -140,8 +140,10 @@ def sentence_of(
 ) -> str:
     """Compose the sentence: what cannot be held, where, and the alternatives, the smallest relative change first."""
     if conflict:
-        cannot = listed([_phrase(c.key, 0).format(f"{c.value:.4g}") for c in conflict], "and")
-        what = f"the kite cannot {cannot}{_place(conflict)}"
+        cannot = [_phrase(c.key, 0).format(f"{c.value:.4g}") for c in conflict[:NAMED]]
+        if len(conflict) > NAMED:
+            cannot.append(f"keep {len(conflict) - NAMED} more of its limits")
+        what = f"the kite cannot {listed(cannot, 'and')}{_place(conflict)}"
     else:
         what = "the kite cannot fly a cycle however far its limits are relaxed"
     alternatives = [
@@ -171,7 +173,8 @@ def _phrase(key: str, index: int) -> str:
 def _place(conflict: Sequence[Conflict]) -> str:
     """Say where the conflict bites: there where its first limit does that has a place."""
     for entry in conflict:
-        if entry.phase is not None and entry.elevation_deg is not None:
+        # A limit of the elevation says itself where it bites.
+        if entry.phase is not None and entry.elevation_deg is not None and "elevation" not in entry.key:
             low, high = entry.elevation_deg
             at = f"{low:.0f} deg" if high - low < 1 else f"{low:.0f} to {high:.0f} deg"
             joint = "while " if entry.phase != "traction" else ""

@@ -227,7 +227,9 @@ def _relieved(program: NonlinearProgram, moved: Any, slacks: Any) -> tuple[Any, 
                     upper.append(ca.SX(np.inf))
                     labels.append(label)
                     own[side] = ca.SX(-sign * np.inf)
-            if is_row and not all(ca.is_equal(end, ca.SX(far)) for end, far in zip(own, (-np.inf, np.inf), strict=True)):
+            if is_row and not all(
+                ca.is_equal(end, ca.SX(far)) for end, far in zip(own, (-np.inf, np.inf), strict=True)
+            ):
                 rows.append(value)
                 lower.append(own[0])
                 upper.append(own[1])

@@ -7,7 +7,7 @@ one. The wind speed may move as well, at a large weight, so that the program alw
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -157,10 +157,10 @@ class _Search:
         self.starts = len(found)
         return min(found, key=lambda r: (not r.complete, sum(r.found.slacks.values())), default=None)
 
-    def repair(self, allowed: Collection[str], x0: FloatArray) -> _Repair | None:
+    def repair(self, allowed: Collection[str], x0: FloatArray, weights: Sequence[float] = HEAVY) -> _Repair | None:
         """Relax some reliefs as little as possible, the others only if these do not suffice; None if IPOPT failed."""
         repair = None
-        for heavy in HEAVY:
+        for heavy in weights:
             prices = {r.name: self.price(r, 1.0 if r.name in allowed else heavy) for r in self.elastic.reliefs}
             found = self.elastic.solve(x0, self.values.vector, prices)
             if found.success:
@@ -171,13 +171,14 @@ class _Search:
                 x0 = found.x
         return repair
 
-    def suffices(self, allowed: Collection[str], near: ElasticSolution) -> ElasticSolution | None:
-        """Relaxation of these reliefs that makes a cycle possible, sought from a neighbour and from a crude start."""
-        for x0 in (near.x, self.packed(STARTS[-1])):
-            repair = self.repair(allowed, x0)
-            if repair is not None and repair.complete:
-                return repair.found
-        return None
+    def suffices(
+        self, allowed: Collection[str], near: ElasticSolution, *, thorough: bool = True
+    ) -> ElasticSolution | None:
+        """Relaxation of these reliefs that makes a cycle possible, sought near another and, thoroughly, from afar."""
+        repair = self.repair(allowed, near.x, HEAVY[1:])
+        if thorough and not (repair is not None and repair.complete):
+            repair = self.repair(allowed, self.packed(STARTS[-1]))
+        return repair.found if repair is not None and repair.complete else None
 
     def smallest_conflict(self, joint: ElasticSolution) -> tuple[dict[str, ElasticSolution], list[str]]:
         """Find the limits that alone can repair, and a smallest set in conflict, of which these must be part.
@@ -193,24 +194,28 @@ class _Search:
         others = [key for key in self.limits if key not in alone]
         if not self.repairs(others, joint, repairs):
             return alone, list(alone)
+        # Those without a part in the joint optimum mostly go in one piece.
+        idle = [key for key in others if savings[key] <= NO_PART]
+        pieces = [[key] for key in sorted(others, key=lambda key: savings[key]) if key not in idle]
+        pieces = [[key] for key in idle] + pieces if self.repairs(idle, joint, repairs) else [idle, *pieces]
         deleted: list[str] = []
         needed: list[str] = []
-        pending = sorted(others, key=lambda key: savings[key])
+        pending = list(pieces)
         while pending:
-            key = pending.pop(0)
-            if not self.repairs([*deleted, key], joint, repairs):
-                deleted.append(key)
+            piece = pending.pop(0)
+            if not self.repairs([*deleted, *piece], joint, repairs):
+                deleted += piece
             elif any(repair <= set(deleted) for repair in repairs):
-                deleted, needed, pending = [], [], sorted(others, key=lambda key: savings[key])
+                deleted, needed, pending = [], [], [[key] for piece in pieces for key in piece]
             else:
-                needed.append(key)
+                needed += piece
         return alone, [*alone, *needed]
 
     def repairs(self, deleted: Collection[str], near: ElasticSolution, known: list[set[str]]) -> bool:
         """Whether a cycle exists without these limits; remembers which of them had to move."""
         if any(repair <= set(deleted) for repair in known):
             return True
-        found = self.suffices(deleted, near)
+        found = self.suffices(deleted, near, thorough=False)
         if found is not None:
             known.append({key for key in deleted if found.slacks[key] > NOTHING})
         return found is not None
@@ -218,7 +223,7 @@ class _Search:
     def conflict(self, key: str, alone: ElasticSolution | None, joint: ElasticSolution) -> Conflict:
         """Say what a limit of the conflict alone would have to be, and where it bites."""
         slack = None if alone is None else alone.slacks[key]
-        phase, elevation, length = self.place(key, joint if joint.slacks[key] > NOTHING or alone is None else alone)
+        phase, elevation, length = self.place(key, alone or joint)
         return Conflict(
             key,
             self.values[key],
@@ -268,7 +273,7 @@ class _Search:
         return min(factors, key=lambda factor: abs(factor - 1), default=None)
 
     def wind_speed(self, factor: float | None) -> float | None:
-        """Reference wind speed at a factor, the largest speed of a table."""
+        """Return the reference wind speed at a factor, the largest speed of a table."""
         if factor is None:
             return None
         return factor * max(self.values[key] for key in wind_keys(self.values.structure))

@@ -1,0 +1,238 @@
+"""What would make a prescribed cycle fly that cannot be flown: each number of its operation, or the wind, alone."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from kiteocp.cycle.integrator import IntegrationError, Integrator
+from kiteocp.cycle.laws import STATE, phase_functions
+from kiteocp.cycle.phases import PHASES
+from kiteocp.cycle.simulation import LONGEST_PHASE_S, SCALES, fly
+from kiteocp.errors import CycleError
+from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values
+from kiteocp.problem import Problem
+
+#: Values tried between the given one and the end of a range, closest together near the given one.
+SCANNED = 12
+
+#: The value where the cycle begins to fly is located to this share of itself.
+ACCURACY = 1e-3
+
+#: The search needs no more than to know whether a cycle completes: error of a step, and steps of a phase. A phase that
+#: completes takes some 20.
+ROUGH_TOLERANCE, ROUGH_STEPS = 1e-6, 200
+
+#: Range of the wind speed and of the forces as factors.
+WIND_RANGE, FORCE_RANGE = (0.1, 10.0), (0.02, 20.0)
+
+#: Words for the numbers of the operation.
+PHRASES = {
+    "operation.traction.tether_force_N": "a traction force of {} N",
+    "operation.retraction.tether_force_N": "a retraction force of {} N",
+    "operation.traction.elevation_deg": "a traction elevation of {} deg",
+    "operation.tether_length_min_m": "a shortest tether of {} m",
+    "operation.tether_length_max_m": "a longest tether of {} m",
+}
+WIND = "environment.wind"
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """One number that, changed alone, makes the prescribed cycle fly.
+
+    Attributes
+    ----------
+    key
+        Key path in the problem file, ``environment.wind`` for the wind speed (of a table all its speeds).
+    value, needed
+        The number in the file and the nearest one found at which the cycle flies; of a table its largest speed.
+    relative_change
+        From one to the other.
+    """
+
+    key: str
+    value: float
+    needed: float
+    relative_change: float
+
+
+@dataclass(frozen=True)
+class UnflownCycle:
+    """Why a prescribed cycle cannot be flown, and what would make it fly.
+
+    Attributes
+    ----------
+    sentence
+        For an operator.
+    remedies
+        The smallest relative change first; empty if none of them alone helps.
+    """
+
+    sentence: str
+    remedies: tuple[Remedy, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain values for the summary."""
+        return {"sentence": self.sentence, "remedies": [asdict(remedy) for remedy in self.remedies]}
+
+
+def explain_simulation(problem: Problem, error: CycleError, *, gravity: bool = True) -> UnflownCycle:
+    """Find for each number of the prescribed cycle, and the wind, the nearest value at which the cycle flies.
+
+    Parameters
+    ----------
+    problem
+        The problem whose simulation failed.
+    error
+        How it failed.
+    gravity
+        As in the simulation.
+    """
+    values = parameter_values(problem, gravity=gravity)
+    remedies = []
+    for key, (low, high) in _ranges(values).items():
+        value = _value(values, key)
+        found = [needed for end in (low, high) if (needed := _nearest_flying(values, key, value, end)) is not None]
+        if found:
+            needed = min(found, key=lambda number: abs(number - value))
+            remedies.append(Remedy(key, value, needed, needed / value - 1))
+    remedies.sort(key=lambda remedy: abs(remedy.relative_change))
+    if not remedies:
+        return UnflownCycle(f"{error}; no number of operation and no wind alone was found that makes it fly", ())
+    needs = listed([_need(values, remedy) for remedy in remedies], "or", always_comma=True)
+    return UnflownCycle(f"{error}; it would fly with {needs}", tuple(remedies))
+
+
+def _ranges(values: ParameterValues) -> dict[str, tuple[float, float]]:
+    """Sensible values of each number: those that a problem file may hold beside the others as they are."""
+    traction, retraction = "operation.traction.tether_force_N", "operation.retraction.tether_force_N"
+    shortest, longest = "operation.tether_length_min_m", "operation.tether_length_max_m"
+    wind = _value(values, WIND)
+    return {
+        WIND: (WIND_RANGE[0] * wind, WIND_RANGE[1] * wind),
+        traction: (1.001 * values[retraction], FORCE_RANGE[1] * values[traction]),
+        retraction: (FORCE_RANGE[0] * values[retraction], 0.999 * values[traction]),
+        "operation.traction.elevation_deg": (5.0, 85.0),
+        shortest: (0.1 * values[shortest], 0.99 * values[longest]),
+        longest: (1.01 * values[shortest], 4.0 * values[longest]),
+    }
+
+
+def _nearest_flying(values: ParameterValues, key: str, value: float, end: float) -> float | None:
+    """Nearest value towards an end of the range at which the cycle flies; what flies is not always an interval."""
+    failing = value
+    shares = np.linspace(0.0, 1.0, SCANNED + 1)[1:] ** 2
+    for flying in value * (end / value) ** shares:
+        if _flies(_changed(values, key, float(flying))):
+            break
+        failing = float(flying)
+    else:
+        return None
+    while abs(flying - failing) > ACCURACY * flying:
+        middle = math.sqrt(failing * flying)
+        if _flies(_changed(values, key, middle)):
+            flying = middle
+        else:
+            failing = middle
+    return float(flying) if _confirmed(_changed(values, key, float(flying))) else None
+
+
+def _changed(values: ParameterValues, key: str, number: float) -> ParameterValues:
+    if key != WIND:
+        return values.replaced({key: number})
+    factor = number / _value(values, WIND)
+    return values.replaced({name: factor * values[name] for name in wind_keys(values.structure)})
+
+
+def _confirmed(values: ParameterValues) -> bool:
+    try:
+        fly(values)
+    except CycleError:
+        return False
+    return True
+
+
+def _flies(values: ParameterValues) -> bool:
+    """Fly the prescribed cycle as `kiteocp.cycle.simulation.fly`, but roughly, and give up soon.
+
+    A state that ceases to exist is approached in ever smaller steps; to know it to nine digits takes a second.
+    """
+    length, elevation = (
+        values["operation.tether_length_max_m"],
+        math.radians(values["operation.traction.elevation_deg"]),
+    )
+    ends = (values["operation.tether_length_min_m"], elevation, values["operation.tether_length_max_m"])
+    try:
+        for integrator, end in zip(_rough_integrators(values.structure), ends, strict=True):
+            states = integrator.run(np.array([0.0, length, elevation, 0.0]), values.vector, end, LONGEST_PHASE_S)
+            length, elevation = (float(number) for number in states[-1, 1:3])
+    except IntegrationError:
+        return False
+    return True
+
+
+@lru_cache(maxsize=16)
+def _rough_integrators(structure: Structure) -> tuple[Integrator, ...]:
+    ends = (("tether_length_m", False), ("elevation_rad", True), ("tether_length_m", True))
+    return tuple(
+        Integrator(
+            phase_functions(structure, name).rates,
+            STATE.index(quantity),
+            monotone,
+            SCALES,
+            tolerance=ROUGH_TOLERANCE,
+            max_steps=ROUGH_STEPS,
+        )
+        for name, (quantity, monotone) in zip(PHASES, ends, strict=True)
+    )
+
+
+def _value(values: ParameterValues, key: str) -> float:
+    return max(values[name] for name in wind_keys(values.structure)) if key == WIND else values[key]
+
+
+def _need(values: ParameterValues, remedy: Remedy) -> str:
+    if remedy.key == WIND:
+        return wind_text(values, remedy.needed / remedy.value)
+    return PHRASES[remedy.key].format(rounded(remedy.needed, up=remedy.needed > remedy.value))
+
+
+def wind_keys(structure: Structure) -> list[str]:
+    """Keys of the numbers that scale the wind speed: the reference speed, or the speeds of a table."""
+    prefixes = ("environment.wind.reference_speed_m_s", "environment.wind.speeds_m_s[")
+    return [key for key in structure.keys if key.startswith(prefixes)]
+
+
+def wind_text(values: ParameterValues, factor: float) -> str:
+    """Name the wind of a problem at a factor, as its file does; a changed one rounded away from the given."""
+    speed = factor * _value(values, WIND)
+    number = f"{speed:.4g}" if factor == 1.0 else rounded(speed, up=factor > 1.0)
+    if values.structure.choice("environment.wind.profile") == "table":
+        return f"a wind of up to {number} m/s"
+    height = "environment.wind.reference_height_m"
+    return f"{number} m/s of wind" + (f" at {values[height]:g} m" if height in values else "")
+
+
+def rounded(number: float, *, up: bool) -> str:
+    """Round to three digits, to the side on which the number still does what it is to do."""
+    if number == 0:
+        return "0"
+    unit = 10.0 ** (math.floor(math.log10(abs(number))) - 2)
+    # What is a round number but for the last bits stays one.
+    ratio = number / unit
+    steps = math.ceil(ratio - 1e-6) if up else math.floor(ratio + 1e-6)
+    return f"{steps * unit:.10g}"
+
+
+def listed(items: Sequence[str], word: str, *, always_comma: bool = False) -> str:
+    """Join items as a sentence does."""
+    if len(items) < 2:
+        return "".join(items)
+    comma = "," if always_comma or len(items) > 2 else ""
+    return f"{', '.join(items[:-1])}{comma} {word} {items[-1]}"
