@@ -7,7 +7,7 @@ one. The wind speed may move as well, at a large weight, so that the program alw
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -19,7 +19,7 @@ from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.conflict import Conflict, Infeasibility, sentence_of
 from kiteocp.ocp.elastic import ElasticProgram, ElasticSolution, Price, Relief
 from kiteocp.ocp.formulation import Formulation, cycle_program
-from kiteocp.ocp.starts import STARTS, Start, guess_of
+from kiteocp.ocp.starts import STARTS, Start, guess_of, rescue_starts
 from kiteocp.ocp.trajectory import Trajectory
 from kiteocp.physics.parameters import ParameterValues, Structure
 from kiteocp.problem.catalogue import catalogue
@@ -58,7 +58,7 @@ def explain(values: ParameterValues, formulation: Formulation) -> Infeasibility:
     values
         The problem's numbers.
     formulation
-        Its choices; the mesh is replaced by a coarse one.
+        Its choices; the mesh is replaced by a coarse one, and the equilibrium is the implicit one, which forgives more.
 
     Returns
     -------
@@ -105,7 +105,8 @@ class _Search:
 
     def __init__(self, values: ParameterValues, formulation: Formulation) -> None:
         self.values = values
-        self.elastic = elastic_program(values.structure, replace(formulation, intervals=INTERVALS, degree=DEGREE))
+        coarse = replace(formulation, equilibrium="implicit", intervals=INTERVALS, degree=DEGREE)
+        self.elastic = elastic_program(values.structure, coarse)
         self.limits = [r.name for r in self.elastic.reliefs if r.name not in (WIND_UP, WIND_DOWN)]
         self.starts = 0
 
@@ -148,7 +149,7 @@ class _Search:
     def joint(self) -> _Repair | None:
         """Relax all limits together, from several starts, and keep the cheapest."""
         found: list[_Repair] = []
-        for start in crude_starts(STARTS_TRIED):
+        for start in [*STARTS, *rescue_starts()][:STARTS_TRIED]:
             repair = self.repair(self.limits, self.packed(start))
             if repair is not None:
                 found.append(repair)
@@ -297,21 +298,6 @@ class _Search:
     def packed(self, start: Start) -> FloatArray:
         """Return a crude start for the elastic program."""
         return self.elastic.program.pack(guess_of(start, self.values, self.elastic.program))
-
-
-def crude_starts(count: int) -> Iterator[Start]:
-    """Yield the starts of the cycle problem, then random ones, the same at every call."""
-    yield from STARTS[:count]
-    random = np.random.default_rng(0)
-    for index in range(count - len(STARTS)):
-        low = random.uniform(20.0, 50.0)
-        yield Start(
-            f"random {index + 1}",
-            low,
-            random.uniform(low, 85.0),
-            random.uniform(0.1, 1.0),
-            (random.uniform(10.0, 60.0), random.uniform(2.0, 10.0), random.uniform(20.0, 80.0)),
-        )
 
 
 def _size(value: float) -> float:
