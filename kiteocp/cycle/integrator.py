@@ -2,12 +2,15 @@
 
 A phase of the cycle ends at a tether length or an elevation. With that quantity as the independent variable the last
 step ends there exactly (Henon, *On the numerical computation of Poincare maps*, Physica D 5, 1982), and a phase in
-which it is monotone needs no search for its end at all. One step is one CasADi call of some microseconds; a general
-integrator (scipy's, against which the tests hold this one) costs thirty times as much for the same accuracy.
+which it is monotone needs no search for its end at all. Rates that are smooth by branches are stepped from kink to
+kink. One step is one CasADi call of some microseconds; a general integrator (scipy's, against which the tests hold this
+one) costs many times as much for the same accuracy.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,22 +18,40 @@ import casadi as ca
 import numpy as np
 
 from kiteocp.cycle.buffered import BufferedFunction
+from kiteocp.cycle.tableaus import DORMAND_PRINCE_5, DORMAND_PRINCE_8, Tableau
 
-# Dormand and Prince (1980), order 5 with an embedded error estimate of order 4; the last row is the solution.
-_STAGES = (
-    (),
-    (1 / 5,),
-    (3 / 40, 9 / 40),
-    (44 / 45, -56 / 15, 32 / 9),
-    (19372 / 6561, -25360 / 2187, 64448 / 6561, -212 / 729),
-    (9017 / 3168, -355 / 33, 46732 / 5247, 49 / 176, -5103 / 18656),
-    (35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84),
-)
-_ERROR = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
+#: A kink is located to this share of the step over it. The rates are continuous there, so that its square counts.
+KINK_ACCURACY = 1e-4
+
+#: Stages of a step, as shares of all, at which a branch is checked beside the step's end.
+CHECKED = (0.55, 0.75)
 
 
-def step_function(rates: ca.Function, independent: int) -> ca.Function:
-    """Build one step of the pair: ``(state, step, parameters) -> (next state, error estimate)``.
+@dataclass(frozen=True)
+class Branches:
+    """Continuous rates that are smooth between kinks.
+
+    Attributes
+    ----------
+    rates
+        ``(state, parameters) -> time derivatives`` of each branch.
+    thresholds
+        ``(state, parameters) -> values``, one fewer than branches and falling: so many of them as are positive, that
+        is the branch that holds. What is not a number counts as not positive.
+    """
+
+    rates: tuple[ca.Function, ...]
+    thresholds: ca.Function
+
+
+def step_function(
+    rates: ca.Function,
+    independent: int,
+    scales: np.ndarray,
+    tableau: Tableau = DORMAND_PRINCE_5,
+    thresholds: ca.Function | None = None,
+) -> ca.Function:
+    """Build one step: ``(state, step, parameters) -> next state, error[, thresholds at the end and at two stages]``.
 
     Parameters
     ----------
@@ -38,20 +59,36 @@ def step_function(rates: ca.Function, independent: int) -> ca.Function:
         ``(state, parameters) -> time derivatives``; component 0 of the state is the time itself.
     independent
         Index of the component that advances by ``step``.
+    scales
+        Size of each component; the error is relative to them.
+    tableau
+        The Runge-Kutta pair.
+    thresholds
+        As in `Branches`.
     """
-    symbol: Any = ca.SX if rates.is_a("SXFunction") else ca.MX
+    explicit = rates.is_a("SXFunction")
+    symbol: Any = ca.SX if explicit else ca.MX
     state, step = symbol.sym("state", rates.size1_in(0)), symbol.sym("step")
     parameters = symbol.sym("parameters", rates.size1_in(1))
     slopes: list[Any] = []
-    point = state
-    for row in _STAGES:
-        point = state
-        for weight, slope in zip(row, slopes, strict=True):
-            point = point + step * weight * slope
-        slope = rates(point, parameters)
+    points: list[Any] = []
+
+    def moved(weights: tuple[float, ...]) -> Any:
+        return sum((weight * slope for weight, slope in zip(weights, slopes, strict=False) if weight), 0.0 * state)
+
+    for row in tableau.stages:
+        points.append(state + step * moved(row) if row else state)
+        slope = rates(points[-1], parameters)
         slopes.append(slope if independent == 0 else slope / slope[independent])
-    error = sum(weight * slope for weight, slope in zip(_ERROR, slopes, strict=True))
-    return ca.Function("step", [state, step, parameters], [ca.densify(point), ca.densify(step * error)])
+    end = state + step * moved(tableau.weights)
+    errors = [ca.sumsqr(step * moved(weights) / scales) for weights in tableau.errors]
+    # Of two estimates the finer counts, less so where it is not much smaller than the coarser (Hairer et al.).
+    error = errors[0] / ca.sqrt(errors[0] + 0.01 * errors[1] + 1e-60) if len(errors) > 1 else ca.sqrt(errors[0])
+    results = [ca.densify(end), error]
+    if thresholds is not None:
+        checked = [points[round(share * len(points))] for share in CHECKED]
+        results.append(ca.horzcat(*(thresholds(point, parameters) for point in (end, *checked))))
+    return ca.Function("step", [state, step, parameters], ca.cse(results) if explicit else results)
 
 
 class IntegrationError(Exception):
@@ -70,7 +107,7 @@ class Integrator:
     Attributes
     ----------
     rates
-        ``(state, parameters) -> time derivatives``, component 0 of the state being the time.
+        ``(state, parameters) -> time derivatives``, component 0 of the state being the time; or `Branches`.
     target
         Index of the component whose value ends the integration.
     monotone
@@ -79,18 +116,32 @@ class Integrator:
         Size of each component, for the error estimate.
     tolerance
         Admissible error of a step relative to the scales.
+    max_steps
+        Steps tried at most.
+    order
+        8 for smooth rates, or 5, which loses less at kinks inside the rates.
     """
 
-    rates: ca.Function
+    rates: ca.Function | Branches
     target: int
     monotone: bool
     scales: np.ndarray
     tolerance: float = 1e-9
     max_steps: int = 20000
+    order: int = 5
 
     def __post_init__(self) -> None:
-        self._to_target = BufferedFunction(step_function(self.rates, self.target))
-        self._in_time = None if self.monotone else BufferedFunction(step_function(self.rates, 0))
+        tableau = DORMAND_PRINCE_8 if self.order == 8 else DORMAND_PRINCE_5
+        branches = self.rates.rates if isinstance(self.rates, Branches) else (self.rates,)
+        thresholds = self.rates.thresholds if isinstance(self.rates, Branches) else None
+
+        def steps(independent: int) -> list[BufferedFunction]:
+            functions = (step_function(rates, independent, self.scales, tableau, thresholds) for rates in branches)
+            return [BufferedFunction(function) for function in functions]
+
+        self._to_target = steps(self.target)
+        self._in_time = None if self.monotone else steps(0)
+        self._thresholds = None if thresholds is None else BufferedFunction(thresholds)
 
     def run(self, start: np.ndarray, parameters: np.ndarray, end: float, max_time: float) -> np.ndarray:
         """Return the states at the accepted steps, start and end included, shape (steps + 1, n).
@@ -101,28 +152,31 @@ class Integrator:
             A state on the way does not exist, or the end is not reached within ``max_time`` seconds.
         """
         states = [start]
-        state = start
+        state, target = start, self.target
         step_in_time = 0.05 * max(self.scales[0], 1e-6)
-        step_to_target = 0.05 * (end - start[self.target])
+        step_to_target = 0.05 * (end - start[target])
+        if self.order == 8:
+            step_in_time, step_to_target = 4 * step_in_time, 5 * step_to_target
+        branch = 0 if self._thresholds is None else _branch(self._thresholds(state, parameters))
         for _ in range(self.max_steps):
-            remaining = end - state[self.target]
+            remaining = end - state[target]
             if remaining == 0.0:
                 return np.array(states)
             if self._in_time is None:
                 step_to_target = min(step_to_target, remaining, key=abs)
-                new, step_to_target = self._accepted(self._to_target, state, step_to_target, parameters)
+                new, step_to_target, branch = self._accepted(self._to_target, branch, state, step_to_target, parameters)
             else:
-                new, next_step = self._accepted(self._in_time, state, step_in_time, parameters)
-                if (end - new[self.target]) * remaining <= 0.0:
-                    new, _ = self._accepted(self._to_target, state, remaining, parameters)
+                new, next_step, next_branch = self._accepted(self._in_time, branch, state, step_in_time, parameters)
+                if (end - new[target]) * remaining <= 0.0:
+                    new, _, next_branch = self._accepted(self._to_target, branch, state, remaining, parameters)
                     next_step = step_in_time
                     if new[0] <= state[0]:
                         # The target is not yet being approached: come nearer in time first.
                         step_in_time /= 4
                         continue
-                step_in_time = next_step
-            if abs(end - new[self.target]) <= 1e-13 * self.scales[self.target]:
-                new[self.target] = end
+                step_in_time, branch = next_step, next_branch
+            if abs(end - new[target]) <= 1e-13 * self.scales[target]:
+                new[target] = end
             if new[0] < state[0]:
                 raise IntegrationError(state, "domain")
             if new[0] > max_time:
@@ -132,15 +186,65 @@ class Integrator:
         raise IntegrationError(state, "too_long")
 
     def _accepted(
-        self, step_call: BufferedFunction, state: np.ndarray, step: float, parameters: np.ndarray
-    ) -> tuple[np.ndarray, float]:
-        """Take a step of at most the given size; return the new state and the size proposed for the next."""
+        self, calls: list[BufferedFunction], branch: int, state: np.ndarray, step: float, parameters: np.ndarray
+    ) -> tuple[np.ndarray, float, int]:
+        """Take a step of at most the given size; return the new state, the size proposed for the next, its branch."""
+        call = calls[branch].call
         smallest = abs(step) * 1e-9
         while abs(step) > smallest:
-            new, error = step_call.call(state, step, parameters)
-            size = float(np.max(np.abs(error) / self.scales)) / self.tolerance
-            if size <= 1.0:
-                return new.copy(), step * min(5.0, 0.9 * max(size, 1e-10) ** -0.2)
-            # A step out of the model's domain gives no error estimate: a quarter of it may stay inside.
-            step *= max(0.2, 0.9 * size**-0.2) if np.isfinite(size) else 0.25
+            new, error, *thresholds = call(state, step, parameters)
+            size = float(error[0]) / self.tolerance
+            if not size <= 1.0:
+                # A step out of the model's domain gives no error estimate: a quarter of it may stay inside.
+                step *= max(0.2, 0.9 * size ** (-1 / self.order)) if math.isfinite(size) else 0.25
+                continue
+            proposed = step * min(5.0, 0.9 * max(size, 1e-10) ** (-1 / self.order))
+            if not thresholds:
+                return new.copy(), proposed, branch
+            at_end, *within = thresholds[0].reshape(1 + len(CHECKED), -1)
+            if _margin(at_end, branch) < 0:
+                return self._at_kink(call, branch, state, step, parameters)
+            if all(_margin(values, branch) >= 0 for values in within):
+                return new.copy(), proposed, branch
+            # Another branch holds somewhere within the step.
+            step /= 2
         raise IntegrationError(state, "domain")
+
+    def _at_kink(
+        self, call: Callable[..., list[np.ndarray]], branch: int, state: np.ndarray, step: float, parameters: np.ndarray
+    ) -> tuple[np.ndarray, float, int]:
+        """Step just beyond the end of a branch, which lies within the given step, by false position (Illinois)."""
+
+        def margin_after(size: float) -> float:
+            return _margin(call(state, size, parameters)[2].reshape(1 + len(CHECKED), -1)[0], branch)
+
+        low, high = 0.0, step
+        margin_low, margin_high = margin_after(low), margin_after(high)
+        beyond, enough = margin_high, KINK_ACCURACY * margin_high
+        side = 0
+        while abs(high - low) > KINK_ACCURACY * abs(step) and beyond < enough:
+            share = margin_low / (margin_low - margin_high)
+            trial = low + (high - low) * (share if 0 < share < 1 else 0.5)
+            margin = margin_after(trial)
+            # An end that stays twice counts half, so that it moves too.
+            if margin < 0:
+                high, margin_high, beyond = trial, margin, margin
+                margin_low *= 0.5 if side < 0 else 1.0
+                side = -1
+            else:
+                low, margin_low = trial, margin
+                margin_high *= 0.5 if side > 0 else 1.0
+                side = 1
+        new, _, thresholds = call(state, high, parameters)
+        return new.copy(), step, _branch(thresholds.reshape(1 + len(CHECKED), -1)[0])
+
+
+def _branch(thresholds: np.ndarray) -> int:
+    return int(np.count_nonzero(thresholds > 0))
+
+
+def _margin(thresholds: np.ndarray, branch: int) -> float:
+    """How far the thresholds are inside a branch; negative outside."""
+    above = float(thresholds[branch - 1]) if branch > 0 else math.inf
+    below = -float(thresholds[branch]) if branch < thresholds.size else math.inf
+    return min(above, below)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
+import casadi as ca
 import numpy as np
 
 from kiteocp.cycle.finite_difference import characteristic_time, finite_difference_phase
-from kiteocp.cycle.integrator import IntegrationError, Integrator
+from kiteocp.cycle.integrator import IntegrationError, Integrator, step_function
 from kiteocp.cycle.laws import STATE, Equilibrium, phase_functions
 from kiteocp.cycle.phases import KINDS, PHASES, FlownPhase, PhaseName
 from kiteocp.cycle.summary import (
@@ -18,6 +19,8 @@ from kiteocp.cycle.summary import (
     phase_summaries,
     validity_warnings,
 )
+from kiteocp.cycle.tableaus import DORMAND_PRINCE_8
+from kiteocp.cycle.transition import transition_branches
 from kiteocp.errors import CycleError, InputError, NoEquilibriumError
 from kiteocp.physics.flight import Place, solve_state
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values
@@ -76,7 +79,7 @@ def simulate(
         raise InputError(f"time_step is {time_step}, but must be a positive number, as 0.01.")
     values = parameter_values(problem, gravity=gravity)
     flown = fly(values, equilibrium=equilibrium, time_step=time_step)
-    records = [record_of(values, phase) for phase in flown]
+    records = [record_of(values, phase, adaptive=time_step is None) for phase in flown]
     phases = phase_summaries(records)
     elevation = np.radians(values["operation.traction.elevation_deg"])
     lengths = values["operation.tether_length_min_m"] + values["operation.tether_length_max_m"]
@@ -163,22 +166,42 @@ def _integrators(structure: Structure, equilibrium: Equilibrium) -> dict[PhaseNa
         "transition": (elevation, True),
         "traction": (length, True),
     }
-    return {
-        name: Integrator(phase_functions(structure, name, equilibrium).rates, target, monotone, SCALES)
-        for name, (target, monotone) in targets.items()
-    }
+    integrators = {}
+    for name, (target, monotone) in targets.items():
+        # The law of the transition has kinks: in closed form it is stepped by its branches.
+        kinked = name == "transition"
+        by_branches = kinked and equilibrium == "explicit"
+        rates = transition_branches(structure) if by_branches else phase_functions(structure, name, equilibrium).rates
+        order = 5 if kinked and not by_branches else 8
+        integrators[name] = Integrator(rates, target, monotone, SCALES, order=order)
+    return integrators
 
 
-def record_of(values: ParameterValues, phase: FlownPhase) -> PhaseRecord:
-    """Sample a flown phase evenly in time, by cubic Hermite interpolation between the integrator's steps."""
+def record_of(values: ParameterValues, phase: FlownPhase, *, adaptive: bool = True) -> PhaseRecord:
+    """Sample a flown phase evenly in time.
+
+    The adaptive integrator takes long steps: the samples within one are shorter steps from its start, as accurate as
+    its end. Between the steps of the finite-difference scheme the samples are on cubic Hermite polynomials.
+    """
     functions = phase_functions(values.structure, phase.name)
     states = phase.states
     count = max(FEWEST_SAMPLES, round(phase.duration_s / SAMPLE_TIME_S)) + 1
     time = np.linspace(0.0, phase.duration_s, count)
-    rates = np.asarray(functions.rates.map(len(states))(states.T, values.vector)).T
-    samples = _hermite(time, states, rates)
+    if adaptive:
+        index = np.clip(np.searchsorted(states[:, 0], time, side="right") - 1, 0, len(states) - 2)
+        step = _step_in_time(values.structure, phase.name)
+        samples = np.asarray(step.map(count)(states[index].T, time - states[index, 0], values.vector)[0]).T
+        samples[-1] = states[-1]
+    else:
+        rates = np.asarray(functions.rates.map(len(states))(states.T, values.vector)).T
+        samples = _hermite(time, states, rates)
     outputs = np.asarray(functions.outputs.map(count)(samples.T, values.vector))
     return PhaseRecord(phase.name, time, samples[:, 1], samples[:, 2], outputs, phase.energy_J)
+
+
+@lru_cache(maxsize=32)
+def _step_in_time(structure: Structure, name: PhaseName) -> ca.Function:
+    return step_function(phase_functions(structure, name).rates, STATE.index("time_s"), SCALES, DORMAND_PRINCE_8)
 
 
 def _hermite(time: np.ndarray, states: np.ndarray, rates: np.ndarray) -> np.ndarray:
@@ -236,20 +259,26 @@ def _held_state(values: ParameterValues, name: PhaseName, length: float, elevati
 
 def limit_warnings(records: Sequence[PhaseRecord], values: ParameterValues) -> list[str]:
     """Report where a flown cycle leaves the limits of the problem's machine; it is flown all the same."""
-    checks = (
-        ("reel_in_speed_max_m_s", "reeling_speed", -1.0, "reels in at up to", "m/s"),
-        ("reel_out_speed_max_m_s", "reeling_speed", 1.0, "reels out at up to", "m/s"),
-        ("height_max_m", "height", 1.0, "rises to", "m"),
+    checks: tuple[tuple[str, Callable[[PhaseRecord], np.ndarray], str, str], ...] = (
+        ("reel_in_speed_max_m_s", lambda r: -r.output("reeling_speed"), "reels in at up to", "m/s"),
+        ("reel_out_speed_max_m_s", lambda r: r.output("reeling_speed"), "reels out at up to", "m/s"),
+        ("generator_power_max_W", lambda r: r.output("power"), "generates up to", "W"),
+        ("motor_power_max_W", lambda r: -r.output("power"), "takes up to", "W"),
+        ("height_max_m", lambda r: r.output("height"), "rises to", "m"),
+        ("height_min_m", lambda r: r.output("height"), "comes down to", "m"),
+        ("elevation_max_deg", lambda r: np.degrees(r.elevation_rad), "rises to", "deg"),
+        ("tether_length_max_m", lambda r: r.tether_length_m, "reels out to", "m"),
+        ("tether_length_min_m", lambda r: r.tether_length_m, "reels in to", "m"),
     )
     warnings = []
-    for key, quantity, sign, verb, unit in checks:
+    for key, quantity, verb, unit in checks:
         if f"limits.{key}" not in values:
             continue
-        limit = values[f"limits.{key}"]
-        worst, phase = max((float(np.max(sign * record.output(quantity))), record.name) for record in records)
-        if worst > limit * (1 + 1e-6):
+        limit, sign = values[f"limits.{key}"], -1 if "_min_" in key else 1
+        worst, phase = max((float(np.max(sign * quantity(record))), record.name) for record in records)
+        if worst > sign * limit + 1e-6 * limit:
             warnings.append(
-                f"the prescribed cycle is outside limits.{key} ({limit:g} {unit}): it {verb} {worst:.3g} {unit} "
-                f"in the {phase}"
+                f"The prescribed cycle is outside limits.{key} ({limit:g} {unit}): it {verb} {sign * worst:.3g} {unit} "
+                f"in the {phase}."
             )
     return warnings
