@@ -97,7 +97,7 @@ def optimal_power(values: ParameterValues, start: kiteocp.Result) -> float:
     return float(solution.value(energy / time))
 
 
-@pytest.mark.parametrize("name", ["strong-wind", "moderate-wind", "v3-kite"])
+@pytest.mark.parametrize("name", ["strong-wind", "moderate-wind"])
 def test_same_optimum_with_the_rootfinder_in_the_program(name: str) -> None:
     """1e-4 of the mean power, the tolerance of the mesh of either; measured 7e-6."""
     problem = kiteocp.load_problem(name)
