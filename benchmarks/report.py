@@ -68,10 +68,10 @@ class Report:
     def __str__(self) -> str:
         machine = self.machine
         load = "" if machine["load_average"] is None else f", load average {machine['load_average']:g}"
-        rows = [("", "median", "quartiles", "ratio", "target")]
+        rows: list[tuple[str, ...]] = [("", "median", "best", "quartiles", "ratio", "target")]
         for group, lines in itertools.groupby(self.lines, key=lambda line: line.group):
-            rows += [(group, "", "", "", ""), *map(self._row, lines)]
-        widths = [max(len(row[column]) for row in rows) for column in range(5)]
+            rows += [(group, "", "", "", "", ""), *map(self._row, lines)]
+        widths = [max(len(row[column]) for row in rows) for column in range(6)]
         table = [
             "  ".join(
                 [row[0].ljust(widths[0]), *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True))]
@@ -87,7 +87,7 @@ class Report:
             ]
         )
 
-    def _row(self, line: Line) -> tuple[str, str, str, str, str]:
+    def _row(self, line: Line) -> tuple[str, ...]:
         low, high = line.quartiles
         ratio, target = self.ratio(line), ""
         if line.target is not None:
@@ -95,6 +95,7 @@ class Report:
         return (
             f"  {line.name}",
             _quantity(line.median, line.unit),
+            _quantity(min(line.values), line.unit),
             f"{_quantity(low, line.unit)} - {_quantity(high, line.unit)}",
             "" if ratio is None else f"{ratio:.3g} x",
             target,
