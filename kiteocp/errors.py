@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 
@@ -60,7 +61,15 @@ class InputError(KiteocpError):
 
 
 class _CalculationError(KiteocpError):
-    """A calculation that ended without an answer: its cause in words, its facts in numbers, a word for its reason."""
+    """A calculation that ended without an answer: its cause in words, its facts in numbers, a word for its reason.
+
+    Attributes
+    ----------
+    explanation : mapping
+        What was found out about the failure beyond that, for the summary; empty unless somebody looked into it.
+    """
+
+    explanation: Mapping[str, Any] = MappingProxyType({})
 
     def __init__(self, cause: str, facts: Mapping[str, float] | None = None, *, reason: str = "") -> None:
         super().__init__(cause)
@@ -111,14 +120,19 @@ class CycleError(_CalculationError):
     ) -> None:
         super().__init__(cause, facts, reason=reason)
         self.phase = phase
+        self.sentence: str | None = None
+
+    def explain(self, sentence: str, explanation: Mapping[str, Any]) -> None:
+        """Add what would make the cycle fly: a longer sentence, and the same in numbers."""
+        self.sentence, self.explanation = sentence, dict(explanation)
 
     def __str__(self) -> str:
         """Return one sentence with the phase and the cause."""
-        return f"the prescribed cycle cannot be flown, its {self.phase} ends {self.cause}"
+        return self.sentence or f"the prescribed cycle cannot be flown, its {self.phase} ends {self.cause}"
 
 
 class SolveError(_CalculationError):
-    """The optimal control problem could not be solved.
+    """The optimal control problem could not be solved, which says nothing about whether a cycle exists.
 
     Parameters
     ----------
@@ -131,6 +145,26 @@ class SolveError(_CalculationError):
     def __str__(self) -> str:
         """Return one sentence with the cause."""
         return f"no optimal cycle found: {self.cause}"
+
+
+class InfeasibleError(SolveError):
+    """No cycle exists within the limits, as far as an elastic program can tell.
+
+    Parameters
+    ----------
+    sentence : str
+        Which limits are in conflict and how far each would have to move, as one sentence.
+    explanation : mapping
+        The same in numbers.
+    """
+
+    def __init__(self, sentence: str, explanation: Mapping[str, Any]) -> None:
+        super().__init__(sentence, reason="infeasible")
+        self.explanation = dict(explanation)
+
+    def __str__(self) -> str:
+        """Return the sentence."""
+        return self.cause
 
 
 def _restored(kind: type[KiteocpError], args: tuple[Any, ...], state: dict[str, Any]) -> KiteocpError:

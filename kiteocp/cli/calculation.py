@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kiteocp.cli.output import complain, say
-from kiteocp.errors import CycleError, NoEquilibriumError, SolveError
+from kiteocp.errors import CycleError, InfeasibleError, NoEquilibriumError, SolveError
 
 if TYPE_CHECKING:
     from kiteocp.problem import Problem
@@ -84,7 +84,7 @@ def failed_result(verb: str, problem: Problem, error: CycleError | NoEquilibrium
         verb=verb,
         problem=problem,
         # No cycle exists where a state of it has no equilibrium; a solver that found none proves nothing.
-        status="failed" if isinstance(error, SolveError) else "infeasible",
+        status="failed" if isinstance(error, SolveError) and not isinstance(error, InfeasibleError) else "infeasible",
         warnings=tuple(problem.warnings()),
-        details={"message": str(error), "facts": error.facts},
+        details={"message": str(error), "facts": error.facts, "explanation": dict(error.explanation)},
     )

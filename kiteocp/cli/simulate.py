@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from kiteocp.cli.calculation import calculate
 from kiteocp.cli.parser import add_calculation, positive_number
+from kiteocp.errors import CycleError
 
 if TYPE_CHECKING:
     from kiteocp.problem import Problem
@@ -36,7 +37,13 @@ def run(arguments: argparse.Namespace) -> int:
     def compute(problem: Problem) -> Result:
         # Imported once the problem is known to be good: a mistake in it is answered without waiting for CasADi.
         from kiteocp.cycle import simulate  # noqa: PLC0415
+        from kiteocp.cycle.remedies import explain_simulation  # noqa: PLC0415
 
-        return simulate(problem, gravity=arguments.gravity, time_step=arguments.time_step)
+        try:
+            return simulate(problem, gravity=arguments.gravity, time_step=arguments.time_step)
+        except CycleError as error:
+            found = explain_simulation(problem, error, gravity=arguments.gravity)
+            error.explain(found.sentence, found.to_dict())
+            raise
 
     return calculate(arguments, NAME, compute)

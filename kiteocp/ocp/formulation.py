@@ -100,6 +100,10 @@ class Formulation:
             mesh.degree,
         )
 
+    def plain(self) -> Formulation:
+        """Return the formulation of least freedom: constant elevation, fixed power setting."""
+        return replace(self, traction_elevation="constant", power_setting="fixed")
+
     def refined(self) -> Formulation:
         """Return the same on a mesh of half the intervals' length."""
         first, second, third = self.intervals

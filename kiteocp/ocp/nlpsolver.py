@@ -32,6 +32,9 @@ DEFAULT_IPOPT_OPTIONS: Mapping[str, Any] = {
 }
 """Options of IPOPT, see https://coin-or.github.io/Ipopt/OPTIONS.html."""
 
+INFEASIBLE = "Infeasible_Problem_Detected"
+"""IPOPT's word for a point where the violation of the constraints has a local minimum above zero."""
+
 WARM_IPOPT_OPTIONS: Mapping[str, Any] = {
     "warm_start_init_point": "yes",
     "warm_start_bound_push": 1e-8,
@@ -45,6 +48,14 @@ WARM_IPOPT_OPTIONS: Mapping[str, Any] = {
 Pushes this small keep active bounds active: 2 to 7 iterations for parameters 0.1 to 10 % away, against 3 to 10 with
 pushes of 1e-4, and 4 to 10 with the monotone strategy from a barrier of 1e-6.
 """
+
+NEAR_IPOPT_OPTIONS: Mapping[str, Any] = {
+    "mu_strategy": "monotone",
+    "mu_init": 1e-4,
+    "bound_push": 1e-6,
+    "bound_frac": 1e-6,
+}
+"""What changes when the start is near the solution but without multipliers: it is not pushed away from its bounds."""
 
 
 @dataclass(frozen=True)
@@ -127,6 +138,10 @@ class Solver:
         return self._build("warm_solver", {**self.options, **WARM_IPOPT_OPTIONS})
 
     @cached_property
+    def _near(self) -> Any:
+        return self._build("near_solver", {**self.options, **NEAR_IPOPT_OPTIONS})
+
+    @cached_property
     def _rows(self) -> Any:
         return ca.Function("rows", [self.program.x, self.program.p], [self.program.g])
 
@@ -152,6 +167,8 @@ class Solver:
         p: ArrayLike = (),
         warm: Solution | None = None,
         pinned: Mapping[int, float] | None = None,
+        *,
+        near: bool = False,
     ) -> Solution:
         """Solve for one set of parameters.
 
@@ -165,6 +182,8 @@ class Solver:
             A neighbouring solution of the same program: its variables and multipliers are the start.
         pinned
             Variables held at a value (scaled as in the program), by index.
+        near
+            The start is close to a solution, as one on another mesh is: stay there.
 
         Returns
         -------
@@ -191,26 +210,28 @@ class Solver:
             solver = self._warm
             arguments |= {"x0": warm.x, "lam_x0": warm.lam_x, "lam_g0": warm.lam_g, "lbg": lbg, "ubg": ubg}
             result = solver(**arguments)
+        elif near:
+            solver = self._near
+            result = solver(x0=np.asarray(x0, dtype=float), **arguments, lbg=lbg, ubg=ubg)
         else:
             arguments["x0"] = np.asarray(x0, dtype=float)
             if self._deferred:
                 lean = self._solve_lean(arguments, lbg, ubg)
                 spent = int(self._lean.stats()["iter_count"])
-                if lean is not None and self._keeps_all(lean, lbg, ubg):
+                # What has no feasible point without the deferred rows has none with them.
+                if lean.status == INFEASIBLE or (lean.success and self._keeps_all(lean, lbg, ubg)):
                     return replace(lean, time_s=time.perf_counter() - began)
-                if lean is not None:
+                if lean.success:
                     arguments["x0"] = lean.x
             solver = self._cold
             result = solver(**arguments, lbg=lbg, ubg=ubg)
         solution = _solution(solver, result, parameters)
         return replace(solution, iterations=spent + solution.iterations, time_s=time.perf_counter() - began)
 
-    def _solve_lean(self, arguments: Mapping[str, Any], lbg: FloatArray, ubg: FloatArray) -> Solution | None:
-        """Solve without the deferred rows; None where that fails."""
+    def _solve_lean(self, arguments: Mapping[str, Any], lbg: FloatArray, ubg: FloatArray) -> Solution:
+        """Solve without the deferred rows, whose multipliers are zero."""
         result = self._lean(**arguments, lbg=lbg[self._kept], ubg=ubg[self._kept])
         solution = _solution(self._lean, result, arguments["p"])
-        if not solution.success:
-            return None
         multipliers = np.zeros(len(self.program.rows))
         multipliers[self._kept] = solution.lam_g
         rows = self._rows(solution.x, solution.p).full().ravel()

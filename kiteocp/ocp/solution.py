@@ -12,20 +12,24 @@ import numpy as np
 
 from kiteocp.cycle.simulation import simulate
 from kiteocp.cycle.summary import channels_of, cycle_summary, phase_summaries, validity_warnings
-from kiteocp.errors import CycleError, SolveError
+from kiteocp.errors import CycleError, InfeasibleError, SolveError
 from kiteocp.ocp import certificate as certify
 from kiteocp.ocp.certificate import Certificate, Level
 from kiteocp.ocp.formulation import Formulation, cycle_program, deferred_rows
+from kiteocp.ocp.infeasibility import explain
 from kiteocp.ocp.limits import SCALES
 from kiteocp.ocp.nlpsolver import Solution, Solver
 from kiteocp.ocp.optimum import OptimalCycle, active_limits, speed_jumps
-from kiteocp.ocp.starts import STARTS, guess_of, pinned_start, rescue_starts
+from kiteocp.ocp.starts import STARTS, enriched, guess_of, pinned_start, rescue_starts
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values
 from kiteocp.problem import Problem
 from kiteocp.result import Result
 
+#: Sum of relative relaxations below which the elastic program alone does not decide that there is no cycle.
+NEARLY_FEASIBLE = 0.02
+
 #: Times that the full certificate halves the mesh at most.
-REFINEMENTS = 4
+REFINEMENTS = 3
 
 
 @dataclass(frozen=True)
@@ -98,8 +102,10 @@ def solve(problem: Problem, *, certificate: Level = "full") -> Result:
 
     Raises
     ------
+    InfeasibleError
+        No start led to a cycle, and limits are in conflict.
     SolveError
-        No start led to a cycle.
+        No start led to a cycle, for no reason that could be found.
     """
     began = time.perf_counter()
     return result_of(optimise(problem, certificate=certificate), time.perf_counter() - began)
@@ -110,14 +116,18 @@ def optimise(problem: Problem, *, certificate: Level = "full") -> Optimum:
 
     Raises
     ------
-    SolveError
-        No start led to a cycle.
+    InfeasibleError, SolveError
+        As `solve`.
     """
     values = parameter_values(problem)
     formulation = Formulation.of(problem)
     options = solver_options(problem)
     solver = cycle_solver(values.structure, formulation, options)
     attempts = solve_from_starts(solver, values)
+    if formulation != formulation.plain():
+        attempts += _from_less_freedom(solver, values, formulation, options)
+    if not any(attempt.solution.success for attempt in attempts):
+        attempts += _rescue(solver, values, formulation)
     solution = best_of(attempts).solution
     powers, meshes = [-solution.f * SCALES["power"]], [str(formulation.intervals)]
     optimum = None
@@ -125,7 +135,9 @@ def optimise(problem: Problem, *, certificate: Level = "full") -> Optimum:
         formulation = formulation.refined()
         finer = cycle_solver(values.structure, formulation, options)
         start = finer.program.pack(solver.program.unpack(solution.x, values.vector))
-        refined = finer.solve(start, values.vector)
+        refined = finer.solve(start, values.vector, near=True)
+        if not refined.success:
+            refined = finer.solve(start, values.vector)
         if not refined.success:
             break
         solver, solution = finer, refined
@@ -193,10 +205,7 @@ def solver_options(problem: Problem) -> tuple[tuple[str, Any], ...]:
 
 
 def solve_from_starts(solver: Solver, values: ParameterValues) -> list[Attempt]:
-    """Solve from every start, and from a shortest traction that is solved first and then released.
-
-    Where none of these leads to a cycle, random starts are tried until one does.
-    """
+    """Solve from every start, and from a shortest traction that is solved first and then released."""
     program = solver.program
     attempts = [
         Attempt(start.name, solver.solve(program.pack(guess_of(start, values, program)), values.vector))
@@ -204,13 +213,46 @@ def solve_from_starts(solver: Solver, values: ParameterValues) -> list[Attempt]:
     ]
     guess, pinned = pinned_start(values, program)
     held = solver.solve(program.pack(guess), values.vector, pinned=pinned)
-    attempts.append(Attempt("shortest traction", solver.solve(held.x, values.vector)))
-    for start in [] if any(attempt.solution.success for attempt in attempts) else rescue_starts():
-        solution = solver.solve(program.pack(guess_of(start, values, program)), values.vector)
-        attempts.append(Attempt(start.name, solution))
-        if solution.success:
-            break
+    released = solver.solve(held.x, values.vector) if held.success else held
+    attempts.append(Attempt("shortest traction", released))
     return attempts
+
+
+def _from_less_freedom(
+    solver: Solver, values: ParameterValues, formulation: Formulation, options: tuple[tuple[str, Any], ...]
+) -> list[Attempt]:
+    """Go on from the optimum of constant elevation and fixed power setting: more freedom must not lose against it."""
+    plain = cycle_solver(values.structure, formulation.plain(), options)
+    succeeded = [attempt.solution for attempt in solve_from_starts(plain, values) if attempt.solution.success]
+    if not succeeded:
+        return []
+    best = min(succeeded, key=lambda solution: solution.f)
+    guess = enriched(plain.program.unpack(best.x, values.vector), values, solver.program)
+    return [Attempt("optimum of less freedom", solver.solve(solver.program.pack(guess), values.vector, near=True))]
+
+
+def _rescue(solver: Solver, values: ParameterValues, formulation: Formulation) -> list[Attempt]:
+    """Ask the elastic program why nothing was found; go on from its cycle where no limit had to move.
+
+    Where the limits had to move very little only, random starts have the last word.
+
+    Raises
+    ------
+    InfeasibleError
+        Limits are in conflict.
+    """
+    program = solver.program
+    found = explain(values, formulation)
+    if found.start is not None:
+        attempt = Attempt("elastic", solver.solve(program.pack(found.start), values.vector))
+        if attempt.solution.success:
+            return [attempt]
+    if found.elastic_sum is not None and found.elastic_sum < NEARLY_FEASIBLE:
+        for start in rescue_starts():
+            attempt = Attempt(start.name, solver.solve(program.pack(guess_of(start, values, program)), values.vector))
+            if attempt.solution.success:
+                return [attempt]
+    raise InfeasibleError(found.sentence, found.to_dict())
 
 
 def best_of(attempts: Sequence[Attempt]) -> Attempt:

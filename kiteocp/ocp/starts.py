@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from kiteocp.ocp.nlp import NonlinearProgram
-from kiteocp.ocp.trajectory import Guess, PhaseGuess, Profile
+from kiteocp.ocp.trajectory import Guess, PhaseGuess, Profile, Trajectory
 from kiteocp.physics.aerodynamics import total_drag_coefficient
 from kiteocp.physics.parameters import ParameterValues
 
@@ -108,6 +108,33 @@ def guess_of(start: Start, values: ParameterValues, program: NonlinearProgram) -
         names = [v.name for v in (*phase.states, *phase.algebraics, *phase.controls)]
         phases[phase.name] = PhaseGuess(duration, {name: profiles[name] for name in names})
     fixed = {"elevation": float(low), "elevation_rate": 0.0}
+    return Guess(phases, {static.name: fixed[static.name] for static in program.problem.statics})
+
+
+def enriched(trajectory: Trajectory, values: ParameterValues, program: NonlinearProgram) -> Guess:
+    """Return a cycle of less freedom as a start for a program of more, which takes its further controls as they were.
+
+    Parameters
+    ----------
+    trajectory
+        A solution with constant elevation and fixed power setting.
+    values, program
+        As for `guess_of`.
+    """
+    elevation = trajectory.statics["elevation"]
+    known = trajectory.guess().phases
+    held: dict[str, Profile] = {
+        "elevation": elevation,
+        "elevation_rate": 0.0,
+        "course": float(np.radians(values["operation.traction.course_deg"])),
+    }
+    phases = {}
+    for phase in program.problem.phases:
+        settings: dict[str, Profile] = {"power_setting": 0.0 if phase.name == "retraction" else 1.0}
+        available = {**held, **settings, **known[phase.name].values}
+        names = [v.name for v in (*phase.states, *phase.algebraics, *phase.controls)]
+        phases[phase.name] = PhaseGuess(known[phase.name].duration, {name: available[name] for name in names})
+    fixed = {"elevation": elevation, "elevation_rate": 0.0}
     return Guess(phases, {static.name: fixed[static.name] for static in program.problem.statics})
 
 

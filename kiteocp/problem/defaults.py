@@ -11,6 +11,8 @@ from kiteocp.problem.catalogue import MISSING, Key, catalogue
 FORCE_RATIO_MIN = 0.03
 #: Retraction force over largest tether force of a prescribed cycle that does not give it.
 FORCE_RATIO_RETRACTION = 0.25
+#: Mesh intervals of a phase: one smooth curve of the force needs few, a schedule beside it more.
+PLAIN_RETRACTION_INTERVALS, PLAIN_TRACTION_INTERVALS, RICH_INTERVALS = 2, 1, 4
 
 
 def resolved(content: dict[str, Any]) -> dict[str, Any]:
@@ -30,6 +32,12 @@ def resolved(content: dict[str, Any]) -> dict[str, Any]:
     _derive(retraction, "tether_force_N", max(FORCE_RATIO_RETRACTION * largest, limits["tether_force_min_N"]))
     _derive(limits, "tether_length_min_m", operation["tether_length_min_m"])
     _derive(limits, "tether_length_max_m", operation["tether_length_max_m"])
+    optimisation = filled["optimisation"]
+    fixed = optimisation["power_setting"] == "fixed"
+    steady = optimisation["traction_elevation"] == "constant" and fixed
+    everywhere = optimisation["power_setting"] == "all"
+    _derive(optimisation["mesh"], "retraction_intervals", RICH_INTERVALS if everywhere else PLAIN_RETRACTION_INTERVALS)
+    _derive(optimisation["mesh"], "traction_intervals", PLAIN_TRACTION_INTERVALS if steady else RICH_INTERVALS)
     return filled
 
 

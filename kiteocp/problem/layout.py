@@ -33,6 +33,6 @@ class ProblemLayout(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     machine: Annotated[Machine, section("the ground station's electrical machine")] = msgspec.field(
         default_factory=Machine
     )
-    optimisation: Annotated[Optimisation, section("what is optimised, and how")] = msgspec.field(
-        default_factory=Optimisation
-    )
+    optimisation: Annotated[
+        Optimisation, section("what is optimised, and how", derived="the defaults of its keys")
+    ]

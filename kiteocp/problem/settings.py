@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-import msgspec
 from msgspec import Struct
 
 from kiteocp.problem.fields import quantity, section, text
@@ -110,9 +109,23 @@ class Machine(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class Mesh(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Collocation mesh of the optimal control problem."""
 
-    retraction_intervals: Annotated[int, quantity("1", "intervals of the retraction phase", ge=1, le=200)] = 2
+    retraction_intervals: Annotated[
+        int,
+        quantity(
+            "1", "intervals of the retraction phase", ge=1, le=200, derived="2; 4 with optimisation.power_setting: all"
+        ),
+    ]
     transition_intervals: Annotated[int, quantity("1", "intervals of the transition phase", ge=1, le=200)] = 2
-    traction_intervals: Annotated[int, quantity("1", "intervals of the traction phase", ge=1, le=200)] = 1
+    traction_intervals: Annotated[
+        int,
+        quantity(
+            "1",
+            "intervals of the traction phase",
+            ge=1,
+            le=200,
+            derived="1 for a constant elevation and a fixed power setting, else 4",
+        ),
+    ]
     degree: Annotated[int, quantity("1", "Radau points of an interval", ge=1, le=9)] = 5
 
 
@@ -138,4 +151,4 @@ class Optimisation(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     ] = "implicit"
     tolerance: Annotated[float, quantity("1", "convergence tolerance of the solver", gt=0, le=0.01)] = 1e-8
     max_iterations: Annotated[int, quantity("1", "most iterations of the solver for one start", ge=1)] = 300
-    mesh: Annotated[Mesh, section("collocation mesh")] = msgspec.field(default_factory=Mesh)
+    mesh: Annotated[Mesh, section("collocation mesh", derived="the defaults of its keys")]

@@ -49,7 +49,7 @@ def test_defaults_are_filled_in() -> None:
     assert (problem.limits.tether_length_min_m, problem.limits.tether_length_max_m) == (200.0, 400.0)
     assert problem.limits.generator_power_max_W is None
     assert problem.environment.gravity_m_s2 == 9.81
-    assert (problem.optimisation.mesh.degree, problem.optimisation.tolerance) == (3, 1e-8)
+    assert (problem.optimisation.mesh.degree, problem.optimisation.tolerance) == (5, 1e-8)
 
 
 def test_derived_defaults_follow_what_they_derive_from() -> None:
