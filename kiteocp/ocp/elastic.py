@@ -33,6 +33,9 @@ SQUARE_WEIGHT = 1e-3
 #: Where every slack starts: inside its bounds, and enough to leave the crude starts some room.
 SLACK_START = 0.1
 
+#: A slack that the solver did not use, at its tolerance.
+VANISHED = 1e-6
+
 #: Its answer is a number for people, so 1e-6 is enough; what is feasible is checked by the program itself afterwards.
 ELASTIC_IPOPT_OPTIONS: Mapping[str, Any] = {"tol": 1e-6, "max_iter": 200}
 
@@ -133,8 +136,11 @@ class ElasticProgram:
             for parameter in relief.parameters:
                 moved[parameter] += slacks[index] * amounts[used]
                 used += 1
-        rows, (lbg, ubg), self.rows = _relieved(program, moved, slacks)
-        parameters = ca.vertcat(program.p, amounts, weights, caps)
+        rows, (lbg, ubg), self._origins = _relieved(program, moved, slacks)
+        self.rows = tuple(origin.label for origin in self._origins)
+        share = ca.SX.sym("share")
+        (objective,) = ca.Function("objective", [program.x, program.p], [program.f]).call([program.x, moved])
+        parameters = ca.vertcat(program.p, amounts, weights, caps, share)
         # A variable keeps the bounds that hold at the ends of all reliefs, lest it leave the domain of the model.
         lbx, ubx = ca.substitute(list(program.bounds(moved))[:2], [slacks], [caps])
         limits = [ca.vertcat(lbx, ca.SX.zeros(count)), ca.vertcat(ubx, caps), lbg, ubg]
@@ -142,7 +148,7 @@ class ElasticProgram:
             program,
             x=ca.vertcat(program.x, slacks),
             p=parameters,
-            f=ca.dot(weights, slacks) + SQUARE_WEIGHT * ca.sumsqr(slacks),
+            f=share * objective + ca.dot(weights, slacks) + SQUARE_WEIGHT * ca.sumsqr(slacks),
             g=rows,
             bounds=ca.Function("bounds", [parameters], limits, ["p"], ["lbx", "ubx", "lbg", "ubg"]),
             variables=(*program.variables, *(Label("slack", relief.name) for relief in self.reliefs)),
@@ -150,9 +156,12 @@ class ElasticProgram:
         )
         self.solver = Solver(elastic, {**ELASTIC_IPOPT_OPTIONS, **(options or {})})
         self._moved = ca.Function("moved", [slacks, parameters], [moved])
+        self._values = ca.Function("values", [program.x, program.p], [program.f, program.g])
         self._effect = ca.Function("effect", [elastic.x, parameters], [ca.jacobian(rows, slacks)])
 
-    def solve(self, x0: ArrayLike, p: ArrayLike, prices: Mapping[str, Price]) -> ElasticSolution:
+    def solve(
+        self, x0: ArrayLike, p: ArrayLike, prices: Mapping[str, Price], objective_share: float = 0.0
+    ) -> ElasticSolution:
         """Find the cheapest move from one start.
 
         Parameters
@@ -163,6 +172,9 @@ class ElasticProgram:
             Parameters of the program, shape (parameters,).
         prices
             Of the reliefs that may be used; the others are held.
+        objective_share
+            Share of the program's own objective. With 1 and large weights this is the program itself by an exact
+            penalty method, which finds optima of feasible sets that are too thin for an interior point method.
 
         Returns
         -------
@@ -174,7 +186,7 @@ class ElasticProgram:
         amounts = [np.atleast_1d(np.asarray(price.amount, dtype=float)) for price in chosen]
         caps = np.array([price.cap for price in chosen])
         weights = np.array([price.weight for price in chosen])
-        parameters = np.concatenate([np.asarray(p, dtype=float), *amounts, weights, caps])
+        parameters = np.concatenate([np.asarray(p, dtype=float), *amounts, weights, caps, [objective_share]])
         start = np.concatenate([np.asarray(x0, dtype=float), np.minimum(SLACK_START, 0.5 * caps)])
         solution = self.solver.solve(start, parameters)
         split = len(self.program.variables)
@@ -185,6 +197,30 @@ class ElasticProgram:
             solution.x[:split],
             self._moved(slacks, parameters).full().ravel(),
             dict(zip(names, map(float, slacks), strict=True)),
+        )
+
+    def optimum(self, found: ElasticSolution) -> Solution:
+        """Read an elastic solution of full objective share that moved nothing as one of the program itself.
+
+        Its multipliers become those of the program's rows and bounds, good enough to start the program's own solver
+        warm. It counts as a success where the elastic one was and no slack is above `VANISHED`.
+        """
+        split = len(self.program.variables)
+        lam_x, lam_g = found.solution.lam_x[:split].copy(), np.zeros(len(self.program.rows))
+        for origin, multiplier in zip(self._origins, found.solution.lam_g, strict=True):
+            target = lam_g if origin.is_row else lam_x
+            target[origin.index] += origin.sign * multiplier
+        p = found.solution.p[: self.program.p.numel()]
+        objective, rows = self._values(found.x, p)
+        return replace(
+            found.solution,
+            x=found.x,
+            f=float(objective),
+            g=rows.full().ravel(),
+            lam_x=lam_x,
+            lam_g=lam_g,
+            p=p,
+            success=found.success and max(found.slacks.values(), default=0.0) <= VANISHED,
         )
 
     def savings(self, found: ElasticSolution, name: str) -> FloatArray:
@@ -208,11 +244,21 @@ def _bears(program: NonlinearProgram, relief: Relief) -> bool:
     return bool(ca.depends_on(ca.veccat(program.g, *program.bounds(program.p)), symbols))
 
 
-def _relieved(program: NonlinearProgram, moved: Any, slacks: Any) -> tuple[Any, tuple[Any, Any], tuple[Label, ...]]:
-    """Return rows, their bounds and their labels, every bound that moves made a row of its own."""
+@dataclass(frozen=True)
+class _Origin:
+    """What a row of the elastic program is made of: a row or a variable of the program, times a sign."""
+
+    label: Label
+    is_row: bool
+    index: int
+    sign: float
+
+
+def _relieved(program: NonlinearProgram, moved: Any, slacks: Any) -> tuple[Any, tuple[Any, Any], tuple[_Origin, ...]]:
+    """Return rows, their bounds and their origins, every bound that moves made a row of its own."""
     lbx, ubx, lbg, ubg = (ca.SX(bound) for bound in program.bounds(moved))
     (fixed_rows,) = ca.Function("rows", [program.x, program.p], [program.g]).call([program.x, moved])
-    rows, lower, upper, labels = [], [], [], []
+    rows, lower, upper, origins = [], [], [], []
     for expressions, low, high, names, is_row in (
         (program.x, lbx, ubx, program.variables, False),
         (fixed_rows, lbg, ubg, program.rows, True),
@@ -225,7 +271,7 @@ def _relieved(program: NonlinearProgram, moved: Any, slacks: Any) -> tuple[Any, 
                     rows.append(sign * (value - bound))
                     lower.append(ca.SX(0.0))
                     upper.append(ca.SX(np.inf))
-                    labels.append(label)
+                    origins.append(_Origin(label, is_row, index, sign))
                     own[side] = ca.SX(-sign * np.inf)
             if is_row and not all(
                 ca.is_equal(end, ca.SX(far)) for end, far in zip(own, (-np.inf, np.inf), strict=True)
@@ -233,5 +279,5 @@ def _relieved(program: NonlinearProgram, moved: Any, slacks: Any) -> tuple[Any, 
                 rows.append(value)
                 lower.append(own[0])
                 upper.append(own[1])
-                labels.append(label)
-    return ca.vertcat(*rows), (ca.vertcat(*lower), ca.vertcat(*upper)), tuple(labels)
+                origins.append(_Origin(label, is_row, index, 1.0))
+    return ca.vertcat(*rows), (ca.vertcat(*lower), ca.vertcat(*upper)), tuple(origins)

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -17,28 +16,20 @@ import numpy as np
 from kiteocp.cycle.remedies import wind_keys
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.conflict import Conflict, Infeasibility, sentence_of
-from kiteocp.ocp.elastic import ElasticProgram, ElasticSolution, Price, Relief
-from kiteocp.ocp.formulation import Formulation, cycle_program
+from kiteocp.ocp.elastic import ElasticSolution
+from kiteocp.ocp.formulation import Formulation
+from kiteocp.ocp.reliefs import HEAVY, WIND_DOWN, WIND_UP, elastic_program, loosening, price_of, unit_of
 from kiteocp.ocp.starts import STARTS, Start, guess_of, rescue_starts
 from kiteocp.ocp.trajectory import Trajectory
-from kiteocp.physics.parameters import ParameterValues, Structure
-from kiteocp.problem.catalogue import catalogue
+from kiteocp.physics.parameters import ParameterValues
 
-#: Mesh of the elastic program; the slacks differ from those of the default mesh by 1e-4 or less.
+#: Mesh of the elastic program. The slacks differ from those of finer meshes by 1e-3 or less, but for cycles of a few
+#: seconds at the edge of feasibility, where it is up to 4 %.
 INTERVALS, DEGREE = (3, 2, 2), 3
-
-#: Wind speed upwards and downwards, beside the limits.
-WIND_UP, WIND_DOWN = "wind up", "wind down"
-
-#: Weights of what is not to move, and of the second try: the first is easier, the second all but exact.
-HEAVY = (1e2, 1e4)
 
 #: Below this a slack is no relaxation: a thousandth of a limit is below its margin in a certificate, and the solver's
 #: own rest is 1e-6.
 NOTHING = 1e-4
-
-#: Farthest moves: upwards to ten times the number, downwards short of zero.
-CAP_UP, CAP_DOWN = 9.0, 0.99
 
 #: Starts that must agree on the joint optimum, and how many are drawn to get them.
 STARTS_WANTED, STARTS_TRIED = 5, 8
@@ -63,33 +54,10 @@ def explain(values: ParameterValues, formulation: Formulation) -> Infeasibility:
     Returns
     -------
     Infeasibility
-        With a `start` if the elastic optimum vanishes, that is if a cycle may exist after all.
+        With a `start` if the elastic optimum vanishes, that is if a cycle exists after all; where no solution is
+        found from it either, `kiteocp.ocp.reliefs.penalised_optimum` finds one.
     """
     return _Search(values, formulation).answer()
-
-
-@lru_cache(maxsize=16)
-def elastic_program(structure: Structure, formulation: Formulation) -> ElasticProgram:
-    """Build (once) the elastic program of a structure: every limit and the wind speed may move."""
-    limits = [Relief(key, (i,)) for i, key in enumerate(structure.keys) if key.startswith("limits.")]
-    wind = tuple(structure.keys.index(key) for key in wind_keys(structure))
-    return ElasticProgram(
-        cycle_program(structure, formulation), [*limits, Relief(WIND_UP, wind), Relief(WIND_DOWN, wind)]
-    )
-
-
-def loosening(key: str) -> int:
-    """Direction in which a limit loosens: a minimum downwards, a maximum (and a time that is allowed) upwards."""
-    return -1 if "_min_" in key else 1
-
-
-def farthest(key: str, value: float) -> float:
-    """Largest relative move of a limit in its loosening direction that a problem file may hold."""
-    if loosening(key) < 0:
-        return CAP_DOWN if value > 0 else 0.0
-    bounds = next(entry.bounds for entry in catalogue().walk() if entry.path == key)
-    highest = bounds.get("le", 0.999 * bounds.get("lt", np.inf))
-    return min(CAP_UP, highest / value - 1) if value > 0 else CAP_UP
 
 
 @dataclass
@@ -162,7 +130,10 @@ class _Search:
         """Relax some reliefs as little as possible, the others only if these do not suffice; None if IPOPT failed."""
         repair = None
         for heavy in weights:
-            prices = {r.name: self.price(r, 1.0 if r.name in allowed else heavy) for r in self.elastic.reliefs}
+            prices = {
+                relief.name: price_of(relief, self.values, 1.0 if relief.name in allowed else heavy)
+                for relief in self.elastic.reliefs
+            }
             found = self.elastic.solve(x0, self.values.vector, prices)
             if found.success:
                 rest = sum(slack for name, slack in found.slacks.items() if name not in allowed)
@@ -279,17 +250,9 @@ class _Search:
             return None
         return factor * max(self.values[key] for key in wind_keys(self.values.structure))
 
-    def price(self, relief: Relief, weight: float) -> Price:
-        """Weight, direction and reach of a relief; a slack is relative to the number that it moves."""
-        value = self.values.vector[list(relief.parameters)]
-        if relief.name in (WIND_UP, WIND_DOWN):
-            up = relief.name == WIND_UP
-            return Price(value if up else -value, CAP_UP if up else CAP_DOWN, weight)
-        return Price(loosening(relief.name) * _size(float(value[0])), farthest(relief.name, float(value[0])), weight)
-
     def moved(self, key: str, slack: float) -> float:
         """Value of a limit after a slack."""
-        return self.values[key] + loosening(key) * slack * _size(self.values[key])
+        return self.values[key] + loosening(key) * slack * unit_of(self.values[key])
 
     def trajectory(self, found: ElasticSolution) -> Trajectory:
         """Read the cycle of a relaxation."""
@@ -298,10 +261,6 @@ class _Search:
     def packed(self, start: Start) -> FloatArray:
         """Return a crude start for the elastic program."""
         return self.elastic.program.pack(guess_of(start, self.values, self.elastic.program))
-
-
-def _size(value: float) -> float:
-    return value if value > 0 else 1.0
 
 
 def _range(numbers: Any) -> tuple[float, float] | None:

@@ -11,8 +11,10 @@ import pytest
 from kiteocp import load_problem
 from kiteocp.ocp.conflict import PHRASES, Infeasibility
 from kiteocp.ocp.formulation import Formulation
-from kiteocp.ocp.infeasibility import explain, farthest, loosening
+from kiteocp.ocp.infeasibility import explain
 from kiteocp.ocp.limits import path_limits
+from kiteocp.ocp.optimality import Optimality
+from kiteocp.ocp.reliefs import farthest, loosening, penalised_optimum
 from kiteocp.ocp.solution import cycle_solver
 from kiteocp.ocp.starts import STARTS, guess_of
 from kiteocp.ocp.trajectory import Trajectory
@@ -138,6 +140,31 @@ def test_a_feasible_problem_comes_back_with_a_start() -> None:
     assert found.elastic_sum == pytest.approx(0.0, abs=1e-4)
     assert found.start is not None
     assert solves(values, found.start)
+
+
+def test_a_cycle_at_the_edge_of_feasibility_is_found_by_penalty() -> None:
+    """IPOPT calls this problem infeasible from every start, even from a feasible one; it has an optimum."""
+    values = values_of({WIND: 10.7, "limits.height_max_m": 336.0, "limits.tether_force_max_N": 5000.0})
+    assert not solves(values)
+    found = explain(values, FORMULATION)
+    assert found.start is not None
+    optimum = penalised_optimum(values, FORMULATION, found.start)
+    assert optimum is not None
+    solver = cycle_solver(values.structure, FORMULATION, (("tol", 1e-8),))
+    residuals = Optimality(solver.program).residuals
+    # The elastic solver's own tolerance; from there the program's solver takes a step or two to its tolerance.
+    assert residuals(optimum).largest < 1e-5
+    polished = solver.solve(optimum.x, values.vector, warm=optimum)
+    assert polished.success
+    assert residuals(polished).largest < 1e-7
+    assert polished.f == pytest.approx(optimum.f, abs=1e-5)
+
+
+def test_no_optimum_is_made_up_where_slacks_remain() -> None:
+    values = values_of(CAUSES["the floor too high for the tether"])
+    crude = cycle_solver(values.structure, FORMULATION, ()).program
+    start = crude.unpack(crude.pack(guess_of(STARTS[0], values, crude)), values.vector)
+    assert penalised_optimum(values, FORMULATION, start) is None
 
 
 def test_the_sentence_says_what_where_and_how_much() -> None:
