@@ -100,6 +100,11 @@ class Formulation:
             mesh.degree,
         )
 
+    @property
+    def points(self) -> int:
+        """Collocation points of the whole mesh."""
+        return sum(self.intervals) * self.degree
+
     def plain(self) -> Formulation:
         """Return the formulation of least freedom: constant elevation, fixed power setting."""
         return replace(self, traction_elevation="constant", power_setting="fixed")

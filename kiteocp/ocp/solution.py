@@ -20,6 +20,7 @@ from kiteocp.ocp.infeasibility import explain
 from kiteocp.ocp.limits import SCALES
 from kiteocp.ocp.nlpsolver import Solution, Solver
 from kiteocp.ocp.optimum import OptimalCycle, active_limits, speed_jumps
+from kiteocp.ocp.reliefs import penalised_optimum
 from kiteocp.ocp.starts import STARTS, enriched, guess_of, pinned_start, rescue_starts
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values
 from kiteocp.problem import Problem
@@ -28,8 +29,9 @@ from kiteocp.result import Result
 #: Sum of relative relaxations below which the elastic program alone does not decide that there is no cycle.
 NEARLY_FEASIBLE = 0.02
 
-#: Times that the full certificate halves the mesh at most.
-REFINEMENTS = 3
+#: Times that the full certificate halves the mesh at most, and the collocation points that it goes up to.
+REFINEMENTS = 4
+MOST_POINTS = 450
 
 
 @dataclass(frozen=True)
@@ -133,6 +135,8 @@ def optimise(problem: Problem, *, certificate: Level = "full") -> Optimum:
     optimum = None
     for _ in range(REFINEMENTS if certificate == "full" else 0):
         formulation = formulation.refined()
+        if formulation.points > MOST_POINTS:
+            break
         finer = cycle_solver(values.structure, formulation, options)
         start = finer.program.pack(solver.program.unpack(solution.x, values.vector))
         refined = finer.solve(start, values.vector, near=True)
@@ -245,6 +249,11 @@ def _rescue(solver: Solver, values: ParameterValues, formulation: Formulation) -
     found = explain(values, formulation)
     if found.start is not None:
         attempt = Attempt("elastic", solver.solve(program.pack(found.start), values.vector))
+        if not attempt.solution.success:
+            # At the edge of feasibility IPOPT may see no feasible point where it stands on one.
+            penalised = penalised_optimum(values, formulation, found.start)
+            if penalised is not None:
+                attempt = Attempt("exact penalty", solver.solve(penalised.x, values.vector, warm=penalised))
         if attempt.solution.success:
             return [attempt]
     if found.elastic_sum is not None and found.elastic_sum < NEARLY_FEASIBLE:
