@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
 
+import casadi as ca
 import numpy as np
 
 from kiteocp.cycle.phases import FlownPhase
@@ -132,6 +133,12 @@ def optimality_of(program: NonlinearProgram) -> Optimality:
     return Optimality(program)
 
 
+@lru_cache(maxsize=16)
+def objective_of(program: NonlinearProgram) -> ca.Function:
+    """Return the (once built) objective of a program, a function of its variables and parameters."""
+    return ca.Function("objective", [program.x, program.p], [program.f])
+
+
 def solver_check(solution: Solution) -> Check:
     """Check what the solver says of itself."""
     text = f"IPOPT: {solution.status} after {solution.iterations} iterations"
@@ -139,16 +146,22 @@ def solver_check(solution: Solution) -> Check:
 
 
 def kkt_check(program: NonlinearProgram, solution: Solution) -> Check:
-    """Recompute the first-order conditions from the numbers of the solution."""
+    """Recompute the first-order conditions, and the objective, from the numbers of the solution."""
     kkt = optimality_of(program).residuals(solution)
-    passed = bool(np.isfinite(kkt.largest) and kkt.largest <= KKT_TOLERANCE)
+    misstated = abs(float(objective_of(program)(solution.x, solution.p)) - solution.f)
+    # The largest of numbers among which one is missing may be any of them.
+    numbers = np.array([kkt.stationarity, kkt.primal_feasibility, kkt.complementarity, misstated])
+    largest = float(np.max(numbers))
+    passed = bool(largest <= KKT_TOLERANCE)
     text = (
         f"stationarity {kkt.stationarity:.1e}, feasibility {kkt.primal_feasibility:.1e}, "
         f"complementarity {kkt.complementarity:.1e}"
     )
     if not passed:
         text += f"; worst at {kkt.worst_variable} and {kkt.worst_row}"
-    return Check("optimality", passed, kkt.largest, KKT_TOLERANCE, text)
+    if not misstated <= KKT_TOLERANCE:
+        text += f"; the objective is not the one claimed, by {misstated:.1e}"
+    return Check("optimality", passed, largest if np.isfinite(largest) else None, KKT_TOLERANCE, text)
 
 
 def limit_margins(cycle: OptimalCycle, flown: Sequence[FlownPhase] | None) -> list[LimitMargin]:
@@ -193,7 +206,7 @@ def _whole_margins(cycle: OptimalCycle) -> list[LimitMargin]:
         speeds, times = phase.values["reeling_speed"], phase.mesh.points * phase.duration
         rates = np.abs(np.diff(speeds) / np.diff(times))
         worst.append(((values[key] - float(np.max(rates, initial=0.0))) / values[key], record.name))
-    margin, name = min(worst)
+    margin, name = min(worst, key=lambda item: item[0] if np.isfinite(item[0]) else -np.inf)
     return [*margins, LimitMargin(key, name, margin)]
 
 
@@ -218,10 +231,14 @@ def resimulation_check(cycle: OptimalCycle) -> tuple[Check, list[FlownPhase] | N
     check, flown, facts
         The flown phases are None where the flight ended early.
     """
+    facts: dict[str, Any]
+    if not all(np.array_equal(phase.parameters, cycle.values.vector) for phase in cycle.trajectory.phases.values()):
+        text = "the solution belongs to other numbers than those of the problem"
+        return Check("re-simulation", False, None, ENERGY_TOLERANCE, text), None, {"completed": False, "message": text}
     try:
         flown = cycle.resimulate()
     except CycleError as error:
-        facts: dict[str, Any] = {"completed": False, "message": str(error)}
+        facts = {"completed": False, "message": str(error)}
         return Check("re-simulation", False, None, ENERGY_TOLERANCE, str(error)), None, facts
     energy = sum(phase.energy_J for phase in flown)
     last, transition = cycle.records[-1], cycle.records[1]
@@ -253,7 +270,7 @@ def mesh_check(powers_W: Sequence[float], meshes: Sequence[str]) -> Check:
     if len(powers_W) < 2:
         return Check("mesh", False, None, MESH_TOLERANCE, "no refinement of the mesh could be solved")
     change = abs(powers_W[-1] - powers_W[-2]) / max(abs(powers_W[-1]), 1.0)
-    text = f"the optimal power changes by {100 * change:.1g} % from mesh {meshes[-2]} to {meshes[-1]}"
+    text = f"the optimal power changes by {100 * change:.2g} % from mesh {meshes[-2]} to {meshes[-1]}"
     return Check("mesh", bool(change <= MESH_TOLERANCE), change, MESH_TOLERANCE, text)
 
 
@@ -278,7 +295,7 @@ def jumps_check(cycle: OptimalCycle, limited: bool) -> Check:
     They decide the status only where the problem asks for jumps that fit (``optimisation.speed_jumps: limited``).
     """
     jumps = speed_jumps(cycle.records, cycle.values)
-    worst = max(jumps, key=lambda jump: abs(jump["jump_m_s"]))
+    worst = max(jumps, key=lambda jump: abs(jump["jump_m_s"]) if np.isfinite(jump["jump_m_s"]) else np.inf)
     fits = abs(worst["jump_m_s"]) <= worst["allowed_m_s"] * (1 + MARGIN_TOLERANCE)
     text = (
         f"largest speed jump {worst['jump_m_s']:+.1f} m/s ({worst['from_phase']} to {worst['to_phase']}), "
