@@ -1,8 +1,6 @@
-"""The family of problems on which the robustness of the optimum is measured.
+"""The family of problems on which the robustness of the optimum is measured (`benchmarks.robustness`).
 
-Three shipped kites in wind from calm to storm, and random draws of kites, tethers, winds and limits. For each problem the
-solution that `kiteocp.ocp.solution` finds is compared with the best of ten random starts; a problem that it does not
-solve must resist ten random starts, the continuation from its neighbours, and the elastic program.
+Three shipped kites in wind from calm to storm, and random draws of kites, tethers, winds and limits.
 """
 
 from __future__ import annotations
@@ -60,13 +58,10 @@ class Member:
         Says where it comes from.
     problem
         The problem.
-    neighbours
-        Names of members that differ a little, from which a solution may be continued.
     """
 
     name: str
     problem: Problem
-    neighbours: tuple[str, ...] = ()
 
 
 def wind_sweeps(step: float = 0.5, strongest: float = 25.0) -> Iterator[Member]:
@@ -75,10 +70,8 @@ def wind_sweeps(step: float = 0.5, strongest: float = 25.0) -> Iterator[Member]:
         base = load_problem(name)
         factor = _reference_over_100_m(base)
         speeds = np.arange(step, strongest + step / 2, step)
-        names = [f"{name} {speed:.1f} m/s" for speed in speeds]
-        for i, speed in enumerate(speeds):
-            problem = base.with_values({WIND_KEY: float(speed * factor)})
-            yield Member(names[i], problem, tuple(names[j] for j in (i - 1, i + 1) if 0 <= j < len(names)))
+        for speed in speeds:
+            yield Member(f"{name} {speed:.1f} m/s", base.with_values({WIND_KEY: float(speed * factor)}))
 
 
 def random_draws(count: int, seed: int = 1) -> Iterator[Member]:
