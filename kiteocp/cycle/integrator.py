@@ -23,6 +23,9 @@ from kiteocp.cycle.tableaus import DORMAND_PRINCE_5, DORMAND_PRINCE_8, Tableau
 #: A kink is located to this share of the step over it. The rates are continuous there, so that its square counts.
 KINK_ACCURACY = 1e-4
 
+#: A step that has to be made smaller than this share of its scale has met the end of the model's domain.
+SMALLEST_STEP = 1e-9
+
 #: Stages of a step, as shares of all, at which a branch is checked beside the step's end.
 CHECKED = (0.55, 0.75)
 
@@ -190,8 +193,9 @@ class Integrator:
     ) -> tuple[np.ndarray, float, int]:
         """Take a step of at most the given size; return the new state, the size proposed for the next, its branch."""
         call = calls[branch].call
-        smallest = abs(step) * 1e-9
-        while abs(step) > smallest:
+        smallest = SMALLEST_STEP * (self.scales[self.target] if calls is self._to_target else self.scales[0])
+        wanted = step
+        while step == wanted or abs(step) > smallest:
             new, error, *thresholds = call(state, step, parameters)
             size = float(error[0]) / self.tolerance
             if not size <= 1.0:

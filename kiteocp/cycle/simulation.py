@@ -33,6 +33,9 @@ SCALES = np.array([10.0, 100.0, 1.0, 1e4])
 #: A phase that takes longer than this never ends in practice.
 LONGEST_PHASE_S = 3600.0
 
+#: A kite that reels slower than this at the end of its way has come to rest: it approaches a tether length for ever.
+STANDSTILL_M_S = 1e-6
+
 #: Samples of a time series: one each half second, but so many in every phase.
 SAMPLE_TIME_S = 0.5
 FEWEST_SAMPLES = 40
@@ -230,7 +233,9 @@ def cycle_error(values: ParameterValues, name: PhaseName, state: np.ndarray, rea
     except NoEquilibriumError as error:
         return CycleError(name, f"{at}: {error}", facts, reason=error.reason)
     facts["reeling_speed_m_s"] = speed
-    if name == "traction" and speed <= 0:
+    if abs(speed) < STANDSTILL_M_S and name != "transition":
+        reason = "too_long"
+    elif name == "traction" and speed <= 0:
         force = values["operation.traction.tether_force_N"]
         return CycleError(
             name, f"{at}: the kite cannot hold {force:.4g} N while reeling out", facts, reason="force_too_high"
