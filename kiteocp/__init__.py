@@ -15,7 +15,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from kiteocp import errors as errors
     from kiteocp.analysis.winch import export_schedule as export_schedule
+    from kiteocp.cycle import BatchResult as BatchResult
     from kiteocp.cycle import simulate as simulate
+    from kiteocp.cycle import simulate_batch as simulate_batch
     from kiteocp.errors import CycleError as CycleError
     from kiteocp.errors import InputError as InputError
     from kiteocp.errors import KiteocpError as KiteocpError
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
     __version__: str
 
 _HOMES: dict[str, str] = {
+    "BatchResult": "kiteocp.cycle",
     "CycleError": "kiteocp.errors",
     "InputError": "kiteocp.errors",
     "KiteocpError": "kiteocp.errors",
@@ -45,10 +48,12 @@ _HOMES: dict[str, str] = {
     "load_result": "kiteocp.result",
     "shipped_problems": "kiteocp.problem",
     "simulate": "kiteocp.cycle",
+    "simulate_batch": "kiteocp.cycle",
     "solve": "kiteocp.ocp",
 }
 
 __all__ = [
+    "BatchResult",
     "CycleError",
     "InputError",
     "KiteocpError",
@@ -64,6 +69,7 @@ __all__ = [
     "load_result",
     "shipped_problems",
     "simulate",
+    "simulate_batch",
     "solve",
 ]
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -23,50 +22,52 @@ from kiteocp.physics.parameters import Structure, parameters_of
 
 
 @dataclass(frozen=True)
-class TransitionForces:
-    """Radial ground forces (N) at a place: at rest (minus infinity where slack), and the two that the winch holds."""
+class TransitionFunctions:
+    """CasADi functions of the transition.
 
-    at_rest: Any
-    low: Any
-    high: Any
+    ``forces(state, p)``: radial ground forces (N) at rest (minus infinity where slack), lower and upper one;
+    ``rates(state, force, p)``: time derivatives of `STATE` at a radial ground force (N), not numbers where there is no
+    equilibrium.
+    """
+
+    forces: ca.Function
+    rates: ca.Function
 
 
-def transition_forces(model: Model, tether_length: Any, elevation: Any) -> TransitionForces:
-    """Return the forces that decide what the winch does, at a tether length (m) and an elevation (rad)."""
-    p, reference = model.parameters, model.structure.choice("operation.force_reference")
-    position = TRANSITION.position(model, tether_length, elevation)
+@lru_cache(maxsize=32)
+def transition_functions(structure: Structure) -> TransitionFunctions:
+    """Build (once) the functions of the transition."""
+    p = parameters_of(structure)
+    model, reference = Model(p), structure.choice("operation.force_reference")
+    state, force = ca.SX.sym("state", len(STATE)), ca.SX.sym("radial_ground_force")
+    position = TRANSITION.position(model, state[1], state[2])
     around = model.surroundings(position, model.coefficients(TRANSITION.setting))
     low, high = (
         model.radial_ground_force(around, p[f"operation.{phase}.tether_force_N"], reference)
         for phase in ("retraction", "traction")
     )
-    return TransitionForces(radial_ground_force_flying_down(model, around, 0.0), low, high)
-
-
-def transition_rates(model: Model, tether_length: Any, elevation: Any, force: Any) -> Any:
-    """Return the time derivatives of `STATE` at a radial ground force (N); not a number without an equilibrium."""
-    position = TRANSITION.position(model, tether_length, elevation)
-    around = model.surroundings(position, model.coefficients(TRANSITION.setting))
     # As in the law: a force too small to lift the tether is no state.
     flight = explicit_state(model, position, around, force + ca.if_else(force < 0, np.nan, 0.0))
-    rate = kinematics.elevation_rate(flight.tangential_speed, position.course, tether_length)
-    return ca.densify(ca.vertcat(1.0, flight.reeling_speed, rate, flight.power))
+    rate = kinematics.elevation_rate(flight.tangential_speed, position.course, state[1])
+    forces = ca.vertcat(radial_ground_force_flying_down(model, around, 0.0), low, high)
+    rates = ca.vertcat(1.0, flight.reeling_speed, rate, flight.power)
+    return TransitionFunctions(
+        ca.Function("forces", [state, p.vector], ca.cse([ca.densify(forces)])),
+        ca.Function("rates", [state, force, p.vector], ca.cse([ca.densify(rates)])),
+    )
 
 
 @lru_cache(maxsize=32)
 def transition_branches(structure: Structure) -> Branches:
     """Build (once) the branches of the law, in the order of rising force at rest."""
-    parameters = parameters_of(structure)
-    model = Model(parameters)
+    functions, p = transition_functions(structure), parameters_of(structure)
     state = ca.SX.sym("state", len(STATE))
-    forces = transition_forces(model, state[1], state[2])
-    arguments = [state, parameters.vector]
+    forces = functions.forces(state, p.vector)
+    at_rest, low, high = ca.vertsplit(forces)
+    arguments = [state, p.vector]
     return Branches(
         rates=tuple(
-            ca.Function("rates", arguments, [transition_rates(model, state[1], state[2], force)])
-            for force in (forces.low, forces.at_rest, forces.high)
+            ca.Function("rates", arguments, [functions.rates(state, force, p.vector)]) for force in (low, at_rest, high)
         ),
-        thresholds=ca.Function(
-            "thresholds", arguments, [ca.vertcat(forces.at_rest - forces.low, forces.at_rest - forces.high)]
-        ),
+        thresholds=ca.Function("thresholds", arguments, [ca.vertcat(at_rest - low, at_rest - high)]),
     )
