@@ -94,9 +94,7 @@ def _draw(base: Problem, random: np.random.Generator) -> dict[str, Any]:
     keys = list(SPREAD_KEYS)
     for setting in ("powered", "depowered"):
         keys += [f"kite.{setting}.{key}" for key in DRAG_KEYS if key in content["kite"][setting]]
-    values: dict[str, Any] = {
-        key: _value(content, key) * float(random.uniform(1 - SPREAD, 1 + SPREAD)) for key in keys
-    }
+    values: dict[str, Any] = {key: _value(content, key) * float(random.uniform(1 - SPREAD, 1 + SPREAD)) for key in keys}
     values[WIND_KEY] = float(random.uniform(4.0, 18.0)) * _reference_over_100_m(base)
     values |= {key: float(random.uniform(*span)) for key, span in ALWAYS.items()}
     values |= {key: float(random.uniform(*span)) for key, span in SOMETIMES.items() if random.random() < 0.3}
