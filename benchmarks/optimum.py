@@ -8,7 +8,7 @@ import kiteocp
 from benchmarks.caches import clear_caches
 from benchmarks.timing import Line, time_call
 from kiteocp.ocp.formulation import Formulation
-from kiteocp.ocp.solution import cycle_solver, solver_options
+from kiteocp.ocp.search import cycle_solver, solver_options
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem
 

@@ -24,7 +24,8 @@ from kiteocp.errors import InfeasibleError, InputError, SolveError
 from kiteocp.ocp.formulation import Formulation
 from kiteocp.ocp.infeasibility import NOTHING
 from kiteocp.ocp.nlpsolver import Solution, Solver
-from kiteocp.ocp.solution import Attempt, Optimum, best_of, cycle_solver, optimise, solver_options
+from kiteocp.ocp.search import Attempt, best_of, cycle_solver, solver_options
+from kiteocp.ocp.solution import Optimum, optimise
 from kiteocp.ocp.starts import STARTS, Start, guess_of, random_start
 from kiteocp.physics.parameters import ParameterValues, parameter_values
 from kiteocp.problem import Problem

@@ -47,7 +47,8 @@ def run(arguments: argparse.Namespace) -> int:
 
             return solve(problem, certificate=arguments.certificate)
         from kiteocp.analysis.winch import winch_export  # noqa: PLC0415
-        from kiteocp.ocp.solution import optimise, result_of  # noqa: PLC0415
+        from kiteocp.ocp.outcome import result_of  # noqa: PLC0415
+        from kiteocp.ocp.solution import optimise  # noqa: PLC0415
 
         began = time.perf_counter()
         optimum = optimise(problem, certificate=arguments.certificate)

@@ -18,7 +18,8 @@ from kiteocp.ocp import formulation, solution
 from kiteocp.ocp.formulation import Formulation
 from kiteocp.ocp.nlpsolver import Solver
 from kiteocp.ocp.optimality import Optimality
-from kiteocp.ocp.solution import Optimum, cycle_solver, optimise, solver_options
+from kiteocp.ocp.search import cycle_solver, solver_options
+from kiteocp.ocp.solution import Optimum, optimise
 from kiteocp.physics.model import Coefficients, FlightState, Model, Position, Surroundings
 from kiteocp.physics.parameters import parameter_values
 

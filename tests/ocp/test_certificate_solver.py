@@ -16,7 +16,8 @@ from kiteocp.ocp import certificate as certify
 from kiteocp.ocp.formulation import Formulation
 from kiteocp.ocp.nlpsolver import Solution, Solver
 from kiteocp.ocp.optimum import OptimalCycle
-from kiteocp.ocp.solution import Optimum, cycle_solver, optimise, solver_options
+from kiteocp.ocp.search import cycle_solver, solver_options
+from kiteocp.ocp.solution import Optimum, optimise
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem, shipped_problems
 

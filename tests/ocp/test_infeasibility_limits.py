@@ -15,7 +15,7 @@ from kiteocp.ocp.infeasibility import explain
 from kiteocp.ocp.limits import path_limits
 from kiteocp.ocp.optimality import Optimality
 from kiteocp.ocp.reliefs import farthest, loosening, penalised_optimum
-from kiteocp.ocp.solution import cycle_solver
+from kiteocp.ocp.search import cycle_solver
 from kiteocp.ocp.starts import STARTS, guess_of
 from kiteocp.ocp.trajectory import Trajectory
 from kiteocp.physics.parameters import ParameterValues, parameter_values

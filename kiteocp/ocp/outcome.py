@@ -1,0 +1,118 @@
+"""An optimum in the form of the output contract: summary, time series, and the prescribed cycle beside it."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+
+from kiteocp.cycle.simulation import simulate
+from kiteocp.cycle.summary import channels_of, cycle_summary, phase_summaries, validity_warnings
+from kiteocp.errors import CycleError
+from kiteocp.ocp.certificate import Level
+from kiteocp.ocp.optimum import OptimalCycle, active_limits, speed_jumps
+from kiteocp.ocp.search import best_of
+from kiteocp.ocp.solution import Optimum, optimise
+from kiteocp.problem import Problem
+from kiteocp.result import Result
+
+
+def solve(problem: Problem, *, certificate: Level = "full") -> Result:
+    """Find the pumping cycle of largest mean power under the limits of a problem.
+
+    Parameters
+    ----------
+    problem
+        The problem; its ``limits`` bound the cycle, its ``optimisation`` block says what is free.
+    certificate
+        ``full`` refines the mesh until the optimal power no longer changes by more than 1e-4; ``quick`` judges the
+        solution on the mesh of the problem file.
+
+    Returns
+    -------
+    Result
+        With status ``certified``, or ``not_certified`` and the failed checks in ``details["certificate"]``;
+        ``prescribed`` is the forward simulation of the same problem, its mean power on equal terms (the same
+        phase-change time), or None where the prescribed cycle cannot be flown.
+
+    Raises
+    ------
+    InfeasibleError
+        No start led to a cycle, and limits are in conflict.
+    SolveError
+        No start led to a cycle, for no reason that could be found.
+    """
+    began = time.perf_counter()
+    return result_of(optimise(problem, certificate=certificate), time.perf_counter() - began)
+
+
+def result_of(optimum: Optimum, total_time_s: float) -> Result:
+    """Put an optimum into the form of the output contract."""
+    cycle, values, problem = optimum.cycle, optimum.values, optimum.problem
+    phases = phase_summaries(cycle.records)
+    pause = values["limits.phase_change_time_s"]
+    traction = cycle.records[-1]
+    mean_elevation = float(np.trapezoid(traction.elevation_rad, traction.time_s)) / traction.duration_s
+    # eq:meantractionaltitude with the lengths and the mean elevation that were flown.
+    altitude = 0.5 * float(traction.tether_length_m[0] + traction.tether_length_m[-1]) * float(np.sin(mean_elevation))
+    summary = cycle_summary(values, phases, traction_altitude_m=altitude, phase_change_time_s=pause)
+    solver_time = sum(attempt.solution.time_s for attempt in optimum.attempts)
+    best = best_of(optimum.attempts)
+    return Result(
+        verb="solve",
+        problem=problem,
+        status=optimum.certificate.status,
+        warnings=tuple([*validity_warnings(cycle.records, values), *jump_warnings(cycle)]),
+        phases=phases,
+        cycle=dict(summary),
+        channels=channels_of(cycle.records, values, pause),
+        details={
+            "solver": {
+                "name": "ipopt",
+                "status": optimum.solution.status,
+                "iterations": best.solution.iterations,
+                "time_s": best.solution.time_s,
+                "starts_time_s": solver_time,
+                "total_time_s": total_time_s,
+                "starts": len(optimum.attempts),
+                "start": best.start,
+                "variables": len(optimum.solver.program.variables),
+                "rows": len(optimum.solver.program.rows),
+            },
+            "certificate": optimum.certificate.to_dict(),
+            **({} if optimum.certificate.passed else {"message": optimum.certificate.message}),
+            "starts": [
+                {
+                    "start": attempt.start,
+                    "status": attempt.solution.status,
+                    "mean_power_W": attempt.mean_power_W,
+                    "iterations": attempt.solution.iterations,
+                    "time_s": attempt.solution.time_s,
+                }
+                for attempt in optimum.attempts
+            ],
+            "active_limits": active_limits(cycle),
+            "speed_jumps": speed_jumps(cycle.records, values),
+            **optimum.facts,
+        },
+        prescribed=prescribed_cycle(problem),
+    )
+
+
+def jump_warnings(cycle: OptimalCycle) -> list[str]:
+    """Say where the winch needs longer for a change of speed between phases than the phase-change time gives it."""
+    return [
+        f"from {jump['from_phase']} to {jump['to_phase']} the reeling speed jumps by {jump['jump_m_s']:+.1f} m/s, "
+        f"more than the winch can do in limits.phase_change_time_s ({jump['allowed_m_s']:g} m/s); "
+        "optimisation.speed_jumps: limited keeps to that"
+        for jump in speed_jumps(cycle.records, cycle.values)
+        if abs(jump["jump_m_s"]) > jump["allowed_m_s"] * (1 + 1e-6)
+    ]
+
+
+def prescribed_cycle(problem: Problem) -> Result | None:
+    """Simulate the prescribed cycle of the same problem, with the optimum's phase-change time in its means."""
+    try:
+        return simulate(problem, phase_change_time_s=problem.limits.phase_change_time_s)
+    except CycleError:
+        return None
