@@ -9,9 +9,11 @@ one) costs many times as much for the same accuracy.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import casadi as ca
@@ -69,15 +71,15 @@ def step_function(
     thresholds
         As in `Branches`.
     """
-    explicit = rates.is_a("SXFunction")
-    symbol: Any = ca.SX if explicit else ca.MX
+    symbol: Any = ca.SX if rates.is_a("SXFunction") else ca.MX
     state, step = symbol.sym("state", rates.size1_in(0)), symbol.sym("step")
     parameters = symbol.sym("parameters", rates.size1_in(1))
     slopes: list[Any] = []
     points: list[Any] = []
 
     def moved(weights: tuple[float, ...]) -> Any:
-        return sum((weight * slope for weight, slope in zip(weights, slopes, strict=False) if weight), 0.0 * state)
+        # One product: CasADi's operators cost more to call than to evaluate.
+        return ca.mtimes(ca.horzcat(*slopes), ca.sparsify(ca.DM(weights)))
 
     for row in tableau.stages:
         points.append(state + step * moved(row) if row else state)
@@ -91,7 +93,7 @@ def step_function(
     if thresholds is not None:
         checked = [points[round(share * len(points))] for share in CHECKED]
         results.append(ca.horzcat(*(thresholds(point, parameters) for point in (end, *checked))))
-    return ca.Function("step", [state, step, parameters], ca.cse(results) if explicit else results)
+    return ca.Function("step", [state, step, parameters], results)
 
 
 class IntegrationError(Exception):
@@ -138,12 +140,12 @@ class Integrator:
         branches = self.rates.rates if isinstance(self.rates, Branches) else (self.rates,)
         thresholds = self.rates.thresholds if isinstance(self.rates, Branches) else None
 
-        def steps(independent: int) -> list[BufferedFunction]:
-            functions = (step_function(rates, independent, self.scales, tableau, thresholds) for rates in branches)
-            return [BufferedFunction(function) for function in functions]
+        @cache
+        def step(independent: int, branch: int) -> BufferedFunction:
+            """Build a step when it is first taken; most cycles know one or two branches."""
+            return BufferedFunction(step_function(branches[branch], independent, self.scales, tableau, thresholds))
 
-        self._to_target = steps(self.target)
-        self._in_time = None if self.monotone else steps(0)
+        self._step = step
         self._thresholds = None if thresholds is None else BufferedFunction(thresholds)
 
     def run(self, start: np.ndarray, parameters: np.ndarray, end: float, max_time: float) -> np.ndarray:
@@ -165,13 +167,13 @@ class Integrator:
             remaining = end - state[target]
             if remaining == 0.0:
                 return np.array(states)
-            if self._in_time is None:
+            if self.monotone:
                 step_to_target = min(step_to_target, remaining, key=abs)
-                new, step_to_target, branch = self._accepted(self._to_target, branch, state, step_to_target, parameters)
+                new, step_to_target, branch = self._accepted(target, branch, state, step_to_target, parameters)
             else:
-                new, next_step, next_branch = self._accepted(self._in_time, branch, state, step_in_time, parameters)
+                new, next_step, next_branch = self._accepted(0, branch, state, step_in_time, parameters)
                 if (end - new[target]) * remaining <= 0.0:
-                    new, _, next_branch = self._accepted(self._to_target, branch, state, remaining, parameters)
+                    new, _, next_branch = self._accepted(target, branch, state, remaining, parameters)
                     next_step = step_in_time
                     if new[0] <= state[0]:
                         # The target is not yet being approached: come nearer in time first.
@@ -188,12 +190,26 @@ class Integrator:
             state = new
         raise IntegrationError(state, "too_long")
 
+    def refined(self, states: np.ndarray, parameters: np.ndarray, parts: int) -> np.ndarray:
+        """Return the states of a run with more between them, each a shorter step from the one before.
+
+        They are as accurate as those of the run. The result has the shape (steps * parts + 1, n).
+        """
+        independent = self.target if self.monotone else 0
+        dense = []
+        for state, after in itertools.pairwise(states):
+            branch = 0 if self._thresholds is None else _branch(self._thresholds(state, parameters))
+            call = self._step(independent, branch).call
+            step = (after[independent] - state[independent]) / parts
+            dense += [state, *(call(state, part * step, parameters)[0].copy() for part in range(1, parts))]
+        return np.array([*dense, states[-1]])
+
     def _accepted(
-        self, calls: list[BufferedFunction], branch: int, state: np.ndarray, step: float, parameters: np.ndarray
+        self, independent: int, branch: int, state: np.ndarray, step: float, parameters: np.ndarray
     ) -> tuple[np.ndarray, float, int]:
         """Take a step of at most the given size; return the new state, the size proposed for the next, its branch."""
-        call = calls[branch].call
-        smallest = SMALLEST_STEP * (self.scales[self.target] if calls is self._to_target else self.scales[0])
+        call = self._step(independent, branch).call
+        smallest = SMALLEST_STEP * self.scales[independent]
         wanted = step
         while step == wanted or abs(step) > smallest:
             new, error, *thresholds = call(state, step, parameters)

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import lru_cache
 
-import casadi as ca
 import numpy as np
 
 from kiteocp.cycle.finite_difference import characteristic_time, finite_difference_phase
-from kiteocp.cycle.integrator import IntegrationError, Integrator, step_function
+from kiteocp.cycle.integrator import IntegrationError, Integrator
 from kiteocp.cycle.laws import STATE, Equilibrium, phase_functions
 from kiteocp.cycle.phases import KINDS, PHASES, FlownPhase, PhaseName
 from kiteocp.cycle.summary import (
@@ -19,7 +18,6 @@ from kiteocp.cycle.summary import (
     phase_summaries,
     validity_warnings,
 )
-from kiteocp.cycle.tableaus import DORMAND_PRINCE_8
 from kiteocp.cycle.transition import transition_branches
 from kiteocp.errors import CycleError, InputError, NoEquilibriumError
 from kiteocp.physics.flight import Place, solve_state
@@ -39,6 +37,9 @@ STANDSTILL_M_S = 1e-6
 #: Samples of a time series: one each half second, but so many in every phase.
 SAMPLE_TIME_S = 0.5
 FEWEST_SAMPLES = 40
+
+#: Parts of a step of order 8 between which cubic polynomials are good to some 1e-6.
+PARTS_OF_A_STEP = 6
 
 
 def simulate(
@@ -181,30 +182,21 @@ def _integrators(structure: Structure, equilibrium: Equilibrium) -> dict[PhaseNa
 
 
 def record_of(values: ParameterValues, phase: FlownPhase, *, adaptive: bool = True) -> PhaseRecord:
-    """Sample a flown phase evenly in time.
+    """Sample a flown phase evenly in time, by cubic Hermite interpolation between steps.
 
-    The adaptive integrator takes long steps: the samples within one are shorter steps from its start, as accurate as
-    its end. Between the steps of the finite-difference scheme the samples are on cubic Hermite polynomials.
+    The steps of the adaptive integrator are too long for that and are divided first.
     """
     functions = phase_functions(values.structure, phase.name)
     states = phase.states
+    if adaptive:
+        integrator = _integrators(values.structure, "explicit")[phase.name]
+        states = integrator.refined(states, values.vector, PARTS_OF_A_STEP)
     count = max(FEWEST_SAMPLES, round(phase.duration_s / SAMPLE_TIME_S)) + 1
     time = np.linspace(0.0, phase.duration_s, count)
-    if adaptive:
-        index = np.clip(np.searchsorted(states[:, 0], time, side="right") - 1, 0, len(states) - 2)
-        step = _step_in_time(values.structure, phase.name)
-        samples = np.asarray(step.map(count)(states[index].T, time - states[index, 0], values.vector)[0]).T
-        samples[-1] = states[-1]
-    else:
-        rates = np.asarray(functions.rates.map(len(states))(states.T, values.vector)).T
-        samples = _hermite(time, states, rates)
+    rates = np.asarray(functions.rates.map(len(states))(states.T, values.vector)).T
+    samples = _hermite(time, states, rates)
     outputs = np.asarray(functions.outputs.map(count)(samples.T, values.vector))
     return PhaseRecord(phase.name, time, samples[:, 1], samples[:, 2], outputs, phase.energy_J)
-
-
-@lru_cache(maxsize=32)
-def _step_in_time(structure: Structure, name: PhaseName) -> ca.Function:
-    return step_function(phase_functions(structure, name).rates, STATE.index("time_s"), SCALES, DORMAND_PRINCE_8)
 
 
 def _hermite(time: np.ndarray, states: np.ndarray, rates: np.ndarray) -> np.ndarray:

@@ -102,10 +102,9 @@ def interpolation_matrix(nodes: FloatArray, targets: ArrayLike) -> FloatArray:
     difference = np.atleast_1d(np.asarray(targets, dtype=float))[:, None] - nodes[None, :]
     hit = np.abs(difference) < 1e-200  # nearer than this the quotients overflow, and the value is the node's
     ratio = weights / np.where(hit, 1.0, difference)
-    matrix = ratio / np.sum(ratio, axis=1, keepdims=True)
     rows = hit.any(axis=1)
-    matrix[rows] = hit[rows]
-    return np.asarray(matrix, dtype=np.float64)
+    ratio[rows] = hit[rows]
+    return np.asarray(ratio / np.sum(ratio, axis=1, keepdims=True), dtype=np.float64)
 
 
 @cache
