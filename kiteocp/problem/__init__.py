@@ -21,6 +21,7 @@ from kiteocp.problem.system import (
     Wind,
 )
 from kiteocp.problem.template import problem_template
+from kiteocp.problem.uncertainty import Uncertainty
 
 __all__ = [
     "Aerodynamics",
@@ -38,6 +39,7 @@ __all__ = [
     "Problem",
     "TableWind",
     "Tether",
+    "Uncertainty",
     "UniformWind",
     "Wind",
     "json_schema",

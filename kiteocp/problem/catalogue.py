@@ -16,7 +16,7 @@ from msgspec import inspect
 
 from kiteocp.problem.layout import ProblemLayout
 
-Kind = Literal["section", "variants", "number", "integer", "text", "list"]
+Kind = Literal["section", "variants", "mapping", "number", "integer", "text", "list"]
 
 #: Stands for "no default" where None is one.
 MISSING: Any = msgspec.NODEFAULT
@@ -32,7 +32,7 @@ class Key:
         Dotted path, empty for the file itself.
     kind : str
         ``section`` has `children`; ``variants`` has `variants`, sections by the value of `tag_field`; ``list`` is a
-        list of numbers.
+        list of numbers; ``mapping`` holds blocks of one layout, `entry`, by key paths.
     unit, meaning : str
         For people.
     required : bool
@@ -65,6 +65,7 @@ class Key:
     children: Mapping[str, Key] = field(default_factory=dict)
     tag_field: str = ""
     variants: Mapping[str, Key] = field(default_factory=dict)
+    entry: Key | None = None
 
     @property
     def name(self) -> str:
@@ -116,6 +117,8 @@ def _key(path: str, kind: inspect.Type, **facts: Any) -> Key:
         facts["required"] = False
     if isinstance(kind, inspect.StructType):
         return Key(path, "section", children=_children(path, kind), **facts)
+    if isinstance(kind, inspect.DictType):
+        return Key(path, "mapping", entry=_key(path, kind.value_type, required=True), **facts)
     if isinstance(kind, inspect.UnionType):
         return _variants(path, kind, facts)
     if isinstance(kind, inspect.FloatType | inspect.IntType):
@@ -123,13 +126,17 @@ def _key(path: str, kind: inspect.Type, **facts: Any) -> Key:
     if isinstance(kind, inspect.VarTupleType):
         entry = _key(path, kind.item_type)
         return Key(path, "list", bounds=entry.bounds, min_length=kind.min_length, **facts)
-    if isinstance(kind, inspect.LiteralType):
-        # msgspec sorts the words; the default is the one to read first.
-        words = sorted(map(str, kind.values), key=lambda word: (word != facts.get("default"), word))
-        return Key(path, "text", choices=tuple(words), **facts)
+    if isinstance(kind, inspect.LiteralType | inspect.StrType):
+        return _text(path, kind, facts)
+    raise TypeError(f"{path}: the problem file has no notation for {kind}")
+
+
+def _text(path: str, kind: inspect.LiteralType | inspect.StrType, facts: dict[str, Any]) -> Key:
     if isinstance(kind, inspect.StrType):
         return Key(path, "text", pattern=kind.pattern, max_length=kind.max_length, **facts)
-    raise TypeError(f"{path}: the problem file has no notation for {kind}")
+    # msgspec sorts the words; the default is the one to read first.
+    words = sorted(map(str, kind.values), key=lambda word: (word != facts.get("default"), word))
+    return Key(path, "text", choices=tuple(words), **facts)
 
 
 def _is_struct_union(kind: inspect.UnionType) -> bool:

@@ -42,13 +42,10 @@ def checked(content: Any, fail: Fail, key: Key | None = None) -> Any:
         return None
     if content is None and key.kind == "section" and not any(child.required for child in key.children.values()):
         return {}
-    if key.kind in ("section", "variants"):
-        return _checked_section(content, fail, key)
-    if key.kind == "list":
-        return _checked_list(content, fail, key)
-    if key.kind == "text":
-        return _checked_text(content, fail, key)
-    return _checked_number(content, fail, key, key.path)
+    if key.kind == "number" or key.kind == "integer":
+        return _checked_number(content, fail, key, key.path)
+    check = {"mapping": _checked_mapping, "list": _checked_list, "text": _checked_text}.get(key.kind, _checked_section)
+    return check(content, fail, key)
 
 
 def _checked_section(content: Any, fail: Fail, key: Key) -> dict[str, Any]:
@@ -70,6 +67,27 @@ def _checked_section(content: Any, fail: Fail, key: Key) -> dict[str, Any]:
             unit = f" in {child.unit}" if child.unit not in ("", "1") else ""
             fail(child.path, f"{child.path} is missing; give {_article(child)}{unit}{_hint(child)}")
     return {name: checked(value, fail, key.children[name]) for name, value in content.items()}
+
+
+def _checked_mapping(content: Any, fail: Fail, key: Key) -> dict[str, Any]:
+    if content is None:
+        return {}
+    if not isinstance(content, Mapping):
+        fail(key.path, f"{key.path} is {describe(content)}; expected a block with key paths, such as kite.mass_kg")
+
+    def fail_below(entry: str) -> Fail:
+        # The entries share one layout, whose keys do not know which entry they are in.
+        own = f"{key.path}.{entry}"
+
+        def fail_there(path: str, message: str) -> NoReturn:
+            fail(path.replace(key.path, own, 1), message.replace(key.path, own, 1))
+
+        return fail_there
+
+    for name in content:
+        if not isinstance(name, str):
+            fail(key.path, f"{key.path} holds {describe(name)} as a key; give key paths, such as kite.mass_kg")
+    return {name: checked(value, fail_below(name), key.entry) for name, value in content.items()}
 
 
 def _own_keys(key: Key) -> tuple[str, ...]:

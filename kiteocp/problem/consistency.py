@@ -9,6 +9,7 @@ from typing import Any
 
 from kiteocp.problem.checking import Fail
 from kiteocp.problem.reading import show
+from kiteocp.problem.uncertain_keys import check_uncertainty
 
 Block = Mapping[str, Any]
 
@@ -81,6 +82,7 @@ def check_consistency(content: Block, given: Block, fail: Fail) -> None:
         comparison.ordered(low, high)
     _check_reach(content["limits"], fail)
     _check_wind(content, fail)
+    check_uncertainty(content, fail)
 
 
 def _check_reach(limits: Block, fail: Fail) -> None:

@@ -11,6 +11,7 @@ import msgspec
 from kiteocp.problem.catalogue import MISSING, Key, catalogue
 from kiteocp.problem.layout import ProblemLayout
 from kiteocp.problem.overrides import ALTERNATIVES
+from kiteocp.problem.uncertainty import WAYS
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
@@ -45,6 +46,11 @@ def _complete(definition: dict[str, Any], key: Key, definitions: dict[str, dict[
         entry = definition["properties"][name]
         if child.derived:
             entry["description"] = f"{child.meaning} (default: {child.derived})"
+        if child.kind == "mapping":
+            reference = entry.pop("additionalProperties")
+            definitions[reference["$ref"].rpartition("/")[2]]["oneOf"] = [{"required": [way]} for way in WAYS]
+            entry.pop("type")
+            entry["anyOf"] = [{"type": "object", "additionalProperties": reference}, {"type": "null"}]
         if child.kind == "section":
             reference = entry.pop("$ref")
             _complete(definitions[reference.rpartition("/")[2]], child, definitions)

@@ -10,6 +10,7 @@ from msgspec import Struct
 from kiteocp.problem.fields import section, text
 from kiteocp.problem.settings import Limits, Machine, Operation, Optimisation
 from kiteocp.problem.system import Environment, Kite, Tether
+from kiteocp.problem.uncertainty import Uncertainty
 
 # The name becomes a directory name under results/, on any system.
 NAME_PATTERN = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
@@ -33,6 +34,7 @@ class ProblemLayout(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
     machine: Annotated[Machine, section("the ground station's electrical machine")] = msgspec.field(
         default_factory=Machine
     )
-    optimisation: Annotated[
-        Optimisation, section("what is optimised, and how", derived="the defaults of its keys")
-    ]
+    optimisation: Annotated[Optimisation, section("what is optimised, and how", derived="the defaults of its keys")]
+    uncertainty: Annotated[dict[str, Uncertainty], section("how far numbers of this file may be off, by key path")] = (
+        msgspec.field(default_factory=dict)
+    )

@@ -15,6 +15,9 @@ from kiteocp.problem.reading import describe, parse
 #: Keys of one block of which a file gives exactly one: setting one removes the other.
 ALTERNATIVES = {"lift_to_drag": "drag_coefficient", "drag_coefficient": "lift_to_drag"}
 
+#: Before the key path that an entry of the ``uncertainty`` block belongs to.
+UNCERTAINTY = "uncertainty."
+
 _ENTRY = re.compile(r"^(?P<path>.*)\[(?P<index>\d+)\]$")
 
 
@@ -73,6 +76,8 @@ def with_overrides(given: Mapping[str, Any], overrides: Mapping[str, Any], fail:
 
 
 def _check_path(path: str, fail: Fail) -> None:
+    if path.startswith(UNCERTAINTY):
+        return
     entry = _ENTRY.match(path)
     bare = entry["path"] if entry else path
     keys = {key.path: key for key in catalogue().walk() if key.path}
@@ -89,6 +94,14 @@ def _check_path(path: str, fail: Fail) -> None:
 
 
 def _set(content: dict[str, Any], path: str, value: Any, overrides: Mapping[str, Any], fail: Fail) -> None:
+    if path.startswith(UNCERTAINTY):
+        # Its keys are key paths themselves; whether they exist is checked with the rest of the block.
+        uncertain = content["uncertainty"] = dict(content.get("uncertainty") or {})
+        if value is None:
+            uncertain.pop(path.removeprefix(UNCERTAINTY), None)
+        else:
+            uncertain[path.removeprefix(UNCERTAINTY)] = value
+        return
     entry = _ENTRY.match(path)
     *above, name = (entry["path"] if entry else path).split(".")
     block = content

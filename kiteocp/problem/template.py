@@ -68,7 +68,9 @@ def problem_template(name: str) -> str:
     ]
     body: list[str] = []
     for key in catalogue().children.values():
-        if key.kind in ("section", "variants"):
+        if key.kind == "mapping":
+            body += ["", _commented(f"{key.name}:", key.meaning), *_UNCERTAINTY_EXAMPLES]
+        elif key.kind in ("section", "variants"):
             body += ["", *_block(key, 0)]
     return "\n".join([*head, *body]) + "\n"
 
@@ -121,6 +123,12 @@ def _about(key: Key) -> str:
 def _commented(line: str, comment: str) -> str:
     return f"{line:{_COMMENT_COLUMN}} # {comment}" if comment else line
 
+
+_UNCERTAINTY_EXAMPLES = (
+    "  # environment.wind.reference_speed_m_s: {standard_deviation: 0.5}       # in the unit of the key",
+    "  # kite.powered.lift_coefficient: {relative_standard_deviation: 0.05}    # 5 %",
+    "  # tether.drag_coefficient: {range: [1.0, 1.2]}                          # lowest and highest value",
+)
 
 #: What the derived defaults come to with the values of the example.
 _DERIVED = {

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from kiteocp.errors import InputError
-from kiteocp.problem import load_problem, shipped_problems
+from kiteocp.problem import load_problem, problem_from_dict, shipped_problems
 
 STRONG = shipped_problems()["strong-wind"].read_text()
 WIND = "wind: {profile: logarithmic, reference_speed_m_s: 9.9, reference_height_m: 6.0, roughness_length_m: 0.07}"
@@ -143,3 +143,44 @@ def test_wind_table_that_covers_the_flight_altitude_is_accepted(tmp_path: Path) 
     path = tmp_path / "case.yaml"
     path.write_text(STRONG.replace(WIND, "wind: {profile: table, heights_m: [50, 500], speeds_m_s: [3, 5]}"))
     assert load_problem(path).to_dict()["environment"]["wind"]["speeds_m_s"] == (3.0, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("block", "expected"),
+    [
+        (
+            "kite.mas_kg: {standard_deviation: 1}",
+            "kite.mas_kg is not the key of a number in this problem; did you mean",
+        ),
+        ("kite.mass_kg: {standard_deviation: -1}", "standard_deviation is -1; it must be greater than 0"),
+        ("kite.mass_kg: {sd: 1}", "uncertainty.kite.mass_kg.sd is not a known key; uncertainty has the keys"),
+        ("kite.mass_kg: {}", "uncertainty.kite.mass_kg gives nothing; give exactly one of standard_deviation,"),
+        ("kite.mass_kg: 3", "uncertainty.kite.mass_kg is the number 3; expected a block"),
+        ("kite.mass_kg: {range: [16, 17]}", "does not contain the value of kite.mass_kg (15)"),
+        ("kite.mass_kg: {range: [17, 14]}", "range is [17, 14]; give the lowest and the highest value"),
+        ("kite.mass_kg: {range: [14]}", "range has too few entries (1); give at least 2"),
+        (
+            "kite.mass_kg: {range: [14, 16], standard_deviation: 1}",
+            "gives standard_deviation and range; give exactly one",
+        ),
+        ("3: {standard_deviation: 1}", "uncertainty holds the number 3 as a key; give key paths"),
+    ],
+)
+def test_uncertainties_that_make_no_sense(tmp_path: Path, block: str, expected: str) -> None:
+    assert expected in message(tmp_path, "limits:", f"uncertainty:\n  {block}\nlimits:")
+
+
+def test_an_uncertainty_is_one_standard_deviation_or_a_range() -> None:
+    stated = {
+        "uncertainty.kite.mass_kg": {"standard_deviation": 0.5},
+        "uncertainty.kite.projected_area_m2": {"relative_standard_deviation": 0.1},
+        "uncertainty.tether.drag_coefficient": {"range": [1.0, 1.3]},
+    }
+    problem = load_problem("strong-wind", stated)
+    assert problem.uncertainty["kite.mass_kg"].bounds(15.0) == (14.5, 15.5)
+    assert problem.uncertainty["kite.projected_area_m2"].bounds(10.2) == pytest.approx((9.18, 11.22))
+    assert problem.uncertainty["tether.drag_coefficient"].bounds(1.1) == (1.0, 1.3)
+    # A uniform distribution of width 0.3.
+    assert problem.uncertainty["tether.drag_coefficient"].deviation(1.1) == pytest.approx(0.3 / 12**0.5)
+    assert problem_from_dict(problem.to_dict()) == problem
+    assert problem.with_values(dict.fromkeys(stated)) == load_problem("strong-wind")
