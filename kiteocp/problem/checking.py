@@ -42,7 +42,7 @@ def checked(content: Any, fail: Fail, key: Key | None = None) -> Any:
         return None
     if content is None and key.kind == "section" and not any(child.required for child in key.children.values()):
         return {}
-    if key.kind == "number" or key.kind == "integer":
+    if key.kind in {"number", "integer"}:
         return _checked_number(content, fail, key, key.path)
     check = {"mapping": _checked_mapping, "list": _checked_list, "text": _checked_text}.get(key.kind, _checked_section)
     return check(content, fail, key)
