@@ -1,0 +1,367 @@
+"""A solution on its active set: sharpened to rounding and differentiated with respect to the parameters.
+
+An interior-point solution leaves its mark on every multiplier: what is not active carries some 1e-9. Here the active
+constraints become equations and Newton's method solves the first-order conditions exactly; inactive constraints have
+no multiplier at all, so that a parameter without influence has a derivative of zero. The same linear system gives the
+derivatives of the solution with respect to the parameters (Fiacco, *Introduction to Sensitivity and Stability
+Analysis in Nonlinear Programming*, 1983). `kiteocp.ocp.following` goes on from here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import casadi as ca
+import numpy as np
+from numpy.typing import NDArray
+
+from kiteocp.ocp.collocation import FloatArray
+from kiteocp.ocp.nlp import Label, NonlinearProgram
+from kiteocp.ocp.nlpsolver import Solution
+
+#: Newton's method takes its last step here, in the scaled units of the program; rounding leaves about 1e-13.
+SHARP = 1e-9
+NEWTON_STEPS = 12
+
+#: A bound is active where its multiplier exceeds its slack, both scaled; where the two are within this factor of each
+#: other the solver has not decided, and neither side may be trusted.
+UNDECIDED = 1e2
+
+#: A constraint whose gradient has no more than this of itself outside the span of the others is implied by them.
+INDEPENDENT = 1e-9
+
+#: A solution of a linear system beyond this, in the scaled units of the program, comes from a singular one.
+SINGULAR = 1e12
+
+#: Bounds that may change sides before a solution counts as lost.
+CHANGES = 12
+
+#: The least slack and multiplier that a sharpened solution may show with the wrong sign.
+ROUNDING = 1e-9
+
+
+class ActiveSetError(Exception):
+    """The first-order conditions on an active set have no regular solution near the start."""
+
+
+@dataclass(frozen=True)
+class ActiveSet:
+    """Which bounds press: -1 lower, +1 upper, 0 none, for each variable and row; equalities count as 1.
+
+    Attributes
+    ----------
+    variables, rows
+        Shape (variables,) and (rows,).
+    weak
+        Labels of bounds of which it is not clear whether they press.
+    """
+
+    variables: NDArray[np.int8]
+    rows: NDArray[np.int8]
+    weak: tuple[Label, ...] = ()
+
+    def same(self, other: ActiveSet) -> bool:
+        """Whether the same bounds press."""
+        return bool(np.array_equal(self.variables, other.variables) and np.array_equal(self.rows, other.rows))
+
+
+@dataclass(frozen=True)
+class SharpSolution:
+    """A solution of the first-order conditions on an active set, to rounding.
+
+    Attributes
+    ----------
+    x, g, lam_x, lam_g, p, f
+        As in `Solution`.
+    active
+        The active set.
+    nearer_lower
+        Whether a variable or row is nearer to its lower bound than to its upper one, shape (variables + rows,).
+    """
+
+    x: FloatArray
+    g: FloatArray
+    lam_x: FloatArray
+    lam_g: FloatArray
+    p: FloatArray
+    f: float
+    active: ActiveSet
+    nearer_lower: NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Derivatives:
+    """Derivatives of a solution along directions of the parameters, on its active set; a column for each direction.
+
+    Attributes
+    ----------
+    objective
+        Of the optimal objective, shape (directions,).
+    x
+        Of the variables (scaled), shape (variables, directions).
+    values, multipliers
+        Of the variables and rows, and of their multipliers, shape (variables + rows, directions).
+    lower, upper
+        Of the bounds of variables and rows, shape (variables + rows, directions); zero for infinite ones.
+    pressed
+        Of the bound that each active variable or row is at, shape (variables + rows, directions); else zero.
+    objective_second
+        Second derivatives of the optimal objective, shape (directions, directions).
+    """
+
+    objective: FloatArray
+    x: FloatArray
+    values: FloatArray
+    multipliers: FloatArray
+    lower: FloatArray
+    upper: FloatArray
+    pressed: FloatArray
+    objective_second: FloatArray
+
+
+class ActiveSetMethod:
+    """Newton's method and derivatives on the active set of one program; the functions are built once."""
+
+    def __init__(self, program: NonlinearProgram) -> None:
+        self.program = program
+        nlp = program
+        self.nx, self.np_, self.ng = nlp.x.numel(), nlp.p.numel(), nlp.g.numel()
+        multipliers = ca.SX.sym("lam_g", self.ng)
+        both = ca.vertcat(nlp.x, nlp.p)
+        lagrangian = nlp.f + ca.dot(multipliers, nlp.g)
+        hessian, gradient = ca.hessian(lagrangian, both)
+        rows = ca.jacobian(nlp.g, both)
+        inputs, n = [nlp.x, nlp.p, multipliers], self.nx
+        self._first = ca.Function("first", inputs, [gradient, hessian, rows])
+        self._newton = ca.Function("newton", inputs, [nlp.f, nlp.g, gradient[:n], hessian[:n, :n], rows[:, :n]])
+        self._factors: dict[bytes, Any] = {}
+        sides = ca.vertcat(*nlp.bounds(nlp.p))
+        weights = ca.SX.sym("weights", sides.numel())
+        # Infinite bounds have no derivatives, and infinity times a weight is not a number.
+        finite = ca.vertcat(*(s if not s.is_constant() else ca.SX(0) for s in ca.vertsplit(sides)))
+        self._bound_slopes = ca.Function("bound_slopes", [nlp.p], [ca.jacobian(finite, nlp.p)])
+        self._curvature = ca.Function("curvature", [nlp.p, weights], [ca.hessian(ca.dot(weights, finite), nlp.p)[0]])
+
+    def active_set_of(self, solution: Solution) -> ActiveSet:
+        """Read the active set off an interior-point solution."""
+        lower, upper = self._split(solution.p)
+        value = np.concatenate((solution.x, solution.g))
+        multiplier = np.concatenate((solution.lam_x, solution.lam_g))
+        slack_low, slack_high = value - lower, upper - value
+        pressing_low = -multiplier > slack_low
+        pressing_high = multiplier > slack_high
+        active = np.where(pressing_low, -1, np.where(pressing_high, 1, 0)).astype(np.int8)
+        active[lower == upper] = 1
+        slack = np.where(multiplier < 0, slack_low, slack_high)
+        size = np.abs(multiplier)
+        near = (slack < 1e-3) & (size < 1e-3) & (lower != upper)
+        ratio = size / np.maximum(slack, 1e-300)
+        undecided = near & (ratio > 1 / UNDECIDED) & (ratio < UNDECIDED)
+        labels = (*self.program.variables, *self.program.rows)
+        weak = tuple(labels[i] for i in np.flatnonzero(undecided))
+        active[self._dependent(solution, active, multiplier)] = 0
+        return ActiveSet(active[: self.nx], active[self.nx :], weak)
+
+    def _dependent(self, solution: Solution, active: NDArray[np.int8], multiplier: FloatArray) -> NDArray[np.intp]:
+        """Find active bounds that the others imply, such as a length bounded on both sides of a phase change.
+
+        Equalities come first, then bounds by multiplier; one that adds nothing to those before it is implied.
+        """
+        jacobian = self._newton(solution.x, solution.p, solution.lam_g)[4].full()
+        rows = np.vstack((np.eye(self.nx), jacobian))
+        lower, upper = self._split(solution.p)
+        own = np.flatnonzero(active)
+        own = own[np.lexsort((-np.abs(multiplier[own]), lower[own] != upper[own]))]
+        columns = rows[own].T / np.maximum(np.linalg.norm(rows[own], axis=1), 1e-12)
+        independent: list[int] = []
+        basis = np.zeros((self.nx, 0))
+        for position in range(own.size):
+            column = columns[:, position]
+            rest = column - basis @ (basis.T @ column)
+            rest -= basis @ (basis.T @ rest)
+            length = float(np.linalg.norm(rest))
+            if length > INDEPENDENT:
+                independent.append(position)
+                basis = np.column_stack((basis, rest / length))
+        return np.delete(own, independent)
+
+    def sharpen(self, solution: Solution | SharpSolution, active: ActiveSet, p: FloatArray) -> SharpSolution:
+        """Solve the first-order conditions with the active bounds as equations, from a nearby solution.
+
+        Raises
+        ------
+        ActiveSetError
+            The system is singular, or Newton's method does not converge.
+        """
+        x, lam_g = solution.x.copy(), np.where(active.rows != 0, solution.lam_g, 0.0)
+        lam_x = np.where(active.variables != 0, solution.lam_x, 0.0)
+        own, _ = self._own_rows(active)
+        lower, upper = self._split(p)
+        bounds = np.where(np.concatenate((active.variables, active.rows)) > 0, upper, lower)[own]
+        multipliers = np.concatenate((lam_x, lam_g))
+        for _ in range(NEWTON_STEPS):
+            f, rows_value, gradient, hessian, rows = self._newton(x, p, multipliers[self.nx :])
+            g = rows_value.full().ravel()
+            distance = np.concatenate((x, g))[own] - bounds
+            residual = np.concatenate((gradient.full().ravel() + multipliers[: self.nx], distance))
+            size = float(np.max(np.abs(residual)))
+            if not np.isfinite(size):
+                raise ActiveSetError("the model has no value on the way")
+            step = self._solve(hessian, rows, own, -residual[:, None])[:, 0]
+            x = x + step[: self.nx]
+            multipliers[own] += step[self.nx :]
+            if size <= SHARP:
+                lam_x, lam_g = multipliers[: self.nx].copy(), multipliers[self.nx :].copy()
+                value = np.concatenate((x, g))
+                nearer_lower = value - lower < upper - value
+                return SharpSolution(x, g, lam_x, lam_g, p, float(f), active, nearer_lower)
+        raise ActiveSetError("Newton's method does not converge on this active set")
+
+    def settle(self, solution: Solution | SharpSolution, active: ActiveSet, p: FloatArray) -> SharpSolution:
+        """Sharpen, changing one bound at a time until the active set is right.
+
+        An interior-point solution may not tell which of two neighbouring points a limit is left at.
+
+        Raises
+        ------
+        ActiveSetError
+            As `sharpen`, or no right active set is found near the given one.
+        """
+        for _ in range(CHANGES):
+            sharp = self.sharpen(solution, active, p)
+            slacks, pressures = self.margins(sharp)
+            worst = np.minimum(slacks, pressures)
+            index = int(np.argmin(worst))
+            if worst[index] >= -ROUNDING:
+                return sharp
+            both = np.concatenate((active.variables, active.rows))
+            if both[index]:
+                both[index] = 0
+            else:
+                both[index] = -1 if sharp.nearer_lower[index] else 1
+            active = ActiveSet(both[: self.nx], both[self.nx :], active.weak)
+            solution = sharp
+        raise ActiveSetError("no active set near the solution satisfies the first-order conditions")
+
+    def derivatives(self, sharp: SharpSolution, directions: FloatArray | None = None) -> Derivatives:
+        """Differentiate a sharpened solution along directions of the parameter vector.
+
+        Parameters
+        ----------
+        sharp
+            The solution.
+        directions
+            Shape (parameters, directions); each parameter for itself where left out.
+
+        Raises
+        ------
+        ActiveSetError
+            The system is singular.
+        """
+        way = np.eye(self.np_) if directions is None else directions
+        gradient, hessian, jacobian = (v.full() for v in self._first(sharp.x, sharp.p, sharp.lam_g))
+        bounds = self._bound_slopes(sharp.p).full() @ way
+        own, side = self._own_rows(sharp.active)
+        rows = np.vstack((np.eye(self.nx), jacobian[:, : self.nx]))
+        direct = np.vstack((np.zeros((self.nx, way.shape[1])), jacobian[:, self.nx :] @ way))
+        # Distance of each active bound: value - bound(p).
+        distance = direct[own] - bounds[side]
+        cross = hessian[: self.nx, self.nx :] @ way
+        _, _, _, curved, linear = self._newton(sharp.x, sharp.p, sharp.lam_g)
+        slopes = self._solve(curved, linear, own, -np.vstack((cross, distance)))
+        x, multiplier = slopes[: self.nx], slopes[self.nx :]
+        pressing = np.concatenate((sharp.lam_x, sharp.lam_g))[own]
+        objective = gradient[self.nx :, 0] @ way - pressing @ bounds[side]
+        weights = np.zeros(bounds.shape[0])
+        weights[side] = pressing
+        # Total derivative of the gradient of the Lagrangian, its bounds included, along the solution.
+        curvature = hessian[self.nx :, self.nx :] - self._curvature(sharp.p, weights).full()
+        second = way.T @ curvature @ way + cross.T @ x + distance.T @ multiplier
+        multipliers, pressed = np.zeros((2, self.nx + self.ng, way.shape[1]))
+        multipliers[own], pressed[own] = multiplier, bounds[side]
+        x_lower, x_upper, g_lower, g_upper = np.split(bounds, np.cumsum([self.nx, self.nx, self.ng]))
+        lower, upper = np.vstack((x_lower, g_lower)), np.vstack((x_upper, g_upper))
+        return Derivatives(objective, x, rows @ x + direct, multipliers, lower, upper, pressed, second)
+
+    def margins(self, sharp: SharpSolution) -> tuple[FloatArray, FloatArray]:
+        """Slacks of the inactive bounds and signed multipliers of the active ones; negative means another active set.
+
+        Returns
+        -------
+        slacks : ndarray, shape (variables + rows,)
+            Distance to the nearest bound, infinite for active ones.
+        pressures : ndarray, shape (variables + rows,)
+            Multiplier in the direction in which the bound may press, infinite for inactive ones and equalities.
+        """
+        lower, upper = self._split(sharp.p)
+        value = np.concatenate((sharp.x, sharp.g))
+        active = np.concatenate((sharp.active.variables, sharp.active.rows))
+        multiplier = np.concatenate((sharp.lam_x, sharp.lam_g))
+        slacks = np.where(active == 0, np.minimum(value - lower, upper - value), np.inf)
+        pressures = np.where((active != 0) & (lower != upper), active * multiplier, np.inf)
+        return slacks, pressures
+
+    def pressing(
+        self, sharp: SharpSolution, directions: FloatArray, within: float
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Collect all bounds that a solution sits at, whether or not they carry a multiplier.
+
+        Parameters
+        ----------
+        sharp
+            The solution.
+        directions
+            Of the parameters, shape (parameters, directions).
+        within
+            Distance (scaled) up to which it sits at a bound.
+
+        Returns
+        -------
+        gradients : ndarray, shape (bounds, variables)
+            Of the variables and rows.
+        slopes : ndarray, shape (bounds, directions)
+            Of value minus bound, with the variables held.
+        multipliers, signs : ndarray, shape (bounds,)
+            The multipliers of this solution, and the sign that each must have (0: any).
+        """
+        lower, upper = self._split(sharp.p)
+        value = np.concatenate((sharp.x, sharp.g))
+        low, high = value - lower <= within, upper - value <= within
+        side = np.where(low & high, 0, np.where(high, 1, -1))
+        at = np.flatnonzero(low | high)
+        _, _, jacobian = (v.full() for v in self._first(sharp.x, sharp.p, sharp.lam_g))
+        rows = np.vstack((np.eye(self.nx, self.nx + self.np_), jacobian))[at]
+        pressed = np.where(low | high, np.where(side < 0, -1, 1), 0).astype(np.int8)
+        bounds = self._bound_slopes(sharp.p).full()[
+            self._own_rows(ActiveSet(pressed[: self.nx], pressed[self.nx :]))[1]
+        ]
+        multipliers = np.concatenate((sharp.lam_x, sharp.lam_g))[at]
+        return rows[:, : self.nx], (rows[:, self.nx :] - bounds) @ directions, multipliers, side[at].astype(float)
+
+    def _split(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
+        lbx, ubx, lbg, ubg = self.program.numeric_bounds(p)
+        return np.concatenate((lbx, lbg)), np.concatenate((ubx, ubg))
+
+    def _own_rows(self, active: ActiveSet) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+        """Index of each active bound among (variables, rows), and of its side among (lbx, ubx, lbg, ubg)."""
+        both = np.concatenate((active.variables, active.rows))
+        own = np.flatnonzero(both)
+        offsets = np.where(own < self.nx, 0, self.nx)
+        side = own + offsets + np.where(both[own] > 0, np.where(own < self.nx, self.nx, self.ng), 0)
+        return own, side
+
+    def _solve(self, hessian: Any, rows: Any, own: NDArray[np.intp], right: FloatArray) -> FloatArray:
+        """Solve the Newton system of the active bounds, by CasADi's sparse LU: faster than dense, no threads."""
+        active = ca.vertcat(ca.DM.eye(self.nx), rows)[own.tolist(), :]
+        matrix = ca.blockcat([[hessian, active.T], [active, ca.DM(own.size, own.size)]])
+        key = own.tobytes()
+        if key not in self._factors:
+            self._factors[key] = ca.Linsol("newton", "csparse", matrix.sparsity())
+        try:
+            solved = np.asarray(self._factors[key].solve(matrix, ca.DM(right)).full())
+        except RuntimeError as error:
+            raise ActiveSetError("the active constraints are not independent") from error
+        if not np.all(np.abs(solved) < SINGULAR):
+            raise ActiveSetError("the active constraints are not independent")
+        return solved
