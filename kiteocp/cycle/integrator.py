@@ -79,7 +79,7 @@ def step_function(
 
     def moved(weights: tuple[float, ...]) -> Any:
         # One product: CasADi's operators cost more to call than to evaluate.
-        return ca.mtimes(ca.horzcat(*slopes), ca.sparsify(ca.DM(weights)))
+        return ca.mtimes(ca.horzcat(*slopes[: len(weights)]), ca.sparsify(ca.DM(weights)))
 
     for row in tableau.stages:
         points.append(state + step * moved(row) if row else state)
