@@ -14,7 +14,7 @@ import pytest
 
 from kiteocp import load_problem
 from kiteocp.ocp import certificate as certify
-from kiteocp.ocp import formulation, solution
+from kiteocp.ocp import formulation, search, solution
 from kiteocp.ocp.formulation import Formulation
 from kiteocp.ocp.nlpsolver import Solver
 from kiteocp.ocp.optimality import Optimality
@@ -77,7 +77,7 @@ class ClimbsFaster(Model):
 @pytest.fixture
 def fresh_programs() -> Iterator[None]:
     """Let no program of another model outlive a test, in either direction."""
-    caches = (formulation.cycle_program, solution.cycle_solver)
+    caches = (formulation.cycle_program, search.cycle_solver)
     for cache in caches:
         cache.cache_clear()
     yield
