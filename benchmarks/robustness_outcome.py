@@ -109,7 +109,7 @@ def report(outcomes: Sequence[Outcome]) -> str:
         f"iterations of the best start      {_spread(iterations)}",
         f"starts that were needed           {_starts(found)}",
         f"error of the first mesh           {_spread([100 * e for e in errors], '.2g')} %, "
-        f"largest                           {100 * max(errors, default=np.nan):.2g} % ({len(errors)} problems)",
+        f"largest {100 * max(errors, default=np.nan):.2g} % ({len(errors)} problems)",
         f"certified, full                   {_share(len(certified), len(sampled))}",
         f"certified, quick                  {_share(len(quick), len(found))}",
     ]
