@@ -1,0 +1,140 @@
+"""An optimum on its active set: differentiated along every key of the problem file, followed, re-solved.
+
+A key means what ``--set`` of it does: numbers that follow from it by default are carried along.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from kiteocp.errors import InputError, SolveError
+from kiteocp.ocp.active_set import ActiveSetError, ActiveSetMethod, Derivatives, SharpSolution
+from kiteocp.ocp.collocation import FloatArray
+from kiteocp.ocp.following import Reach, follow, one_sided
+from kiteocp.ocp.limits import SCALES
+from kiteocp.ocp.nlp import NonlinearProgram
+from kiteocp.ocp.solution import Optimum
+from kiteocp.physics.parameters import parameter_values
+from kiteocp.problem import Problem
+
+#: Steps that resolve a derived default exactly: a power of two, as the rules are linear.
+RESOLUTION_STEP = 2.0**-10
+
+
+@lru_cache(maxsize=8)
+def method_of(program: NonlinearProgram) -> ActiveSetMethod:
+    """Return the (once built) derivatives of a program."""
+    return ActiveSetMethod(program)
+
+
+@dataclass(frozen=True)
+class LocalStudy:
+    """An optimum on its active set with its derivatives along every key.
+
+    Attributes
+    ----------
+    optimum
+        What was solved.
+    method, sharp
+        The method, and the optimum to rounding.
+    keys
+        Key paths of the numbers of the problem.
+    directions
+        What a unit of each key moves in the parameter vector, shape (parameters, keys).
+    derivatives
+        Along the directions.
+    """
+
+    optimum: Optimum
+    method: ActiveSetMethod
+    sharp: SharpSolution
+    keys: tuple[str, ...]
+    directions: FloatArray
+    derivatives: Derivatives
+
+    @classmethod
+    def of(cls, optimum: Optimum) -> LocalStudy:
+        """Sharpen and differentiate an optimum.
+
+        Raises
+        ------
+        SolveError
+            The optimum has no regular active set.
+        """
+        method = method_of(optimum.solver.program)
+        keys, directions = optimum.values.structure.keys, key_directions(optimum.problem)
+        try:
+            active = method.active_set_of(optimum.solution)
+            sharp = method.settle(optimum.solution, active, optimum.values.vector)
+            derivatives = method.derivatives(sharp, directions)
+        except ActiveSetError as error:
+            raise SolveError(f"the optimum cannot be differentiated: {error}; change a number slightly") from None
+        return cls(optimum, method, sharp, keys, directions, derivatives)
+
+    @property
+    def mean_power_W(self) -> float:
+        """Optimal mean power of the objective."""
+        return -self.sharp.f * SCALES["power"]
+
+    @property
+    def gradient(self) -> FloatArray:
+        """Derivative of the optimal mean power, W per unit of each key, shape (keys,)."""
+        # Adding zero turns the -0.0 of what has no influence into 0.0.
+        return np.asarray(-SCALES["power"] * self.derivatives.objective + 0.0)
+
+    @cached_property
+    def sides(self) -> tuple[FloatArray, FloatArray]:
+        """Derivative of the optimal mean power below and above each key; infinite where there is no cycle."""
+        below, above = one_sided(self.method, self.sharp, self.derivatives, self.directions)
+        return -SCALES["power"] * below + 0.0, -SCALES["power"] * above + 0.0
+
+    def tangent(self, column: int) -> Derivatives:
+        """Return the derivatives along one key."""
+        part, chosen = self.derivatives, slice(column, column + 1)
+        columns = {
+            name: getattr(part, name)[:, chosen] for name in ("x", "values", "multipliers", "lower", "upper", "pressed")
+        }
+        return Derivatives(part.objective[chosen], **columns, objective_second=part.objective_second[chosen, chosen])
+
+    def reach(self, column: int, farthest: float) -> Reach:
+        """Follow the optimum along one key, to `farthest` away from its value at most."""
+        tangent = self.tangent(column)
+        # Where the solution stands still only bounds move, along straight lines.
+        still = not tangent.x.any() and not tangent.multipliers.any()
+        way = float(np.sign(farthest)) * np.inf if still else farthest
+        return follow(self.method, self.sharp, tangent, self.directions[:, column], way)
+
+    def power_at(self, column: int, step: float) -> float | None:
+        """Re-solve with one key changed, warm; None where no solution is found."""
+        moved = self.sharp.p + step * self.directions[:, column]
+        try:
+            solution = self.optimum.solver.solve(self.optimum.solution.x, moved, warm=self.optimum.solution)
+        except ValueError:
+            return None  # the change crosses two bounds
+        return -solution.f * SCALES["power"] if solution.success else None
+
+
+def key_directions(problem: Problem) -> FloatArray:
+    """Return what a unit of each key moves in the parameter vector, derived defaults included.
+
+    Returns
+    -------
+    ndarray, shape (parameters, keys)
+        The identity, but for the columns of keys that others follow.
+    """
+    values = parameter_values(problem)
+    directions = np.eye(values.vector.size)
+    for column, key in enumerate(values.structure.keys):
+        step = RESOLUTION_STEP * (abs(values.vector[column]) or 1.0)
+        for signed in (step, -step):
+            try:
+                moved = parameter_values(problem.with_values({key: values.vector[column] + signed})).vector
+            except InputError:  # at the edge of what the key may be: look to the other side
+                continue
+            directions[:, column] = (moved - values.vector) / signed
+            directions[column, column] = 1.0
+            break
+    return directions

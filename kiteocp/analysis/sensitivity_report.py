@@ -1,0 +1,186 @@
+"""Sensitivities in words: the table, the shadow prices of limits, and warnings against wrong designs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from kiteocp.ocp.collocation import FloatArray
+from kiteocp.result import Result
+
+#: Amount in which a limit is priced: by unit, the amount and how it is written.
+_AMOUNTS: dict[str, tuple[float, str]] = {
+    "N": (1000.0, "1 kN"),
+    "W": (1000.0, "1 kW"),
+    "m": (1.0, "1 m"),
+    "m_s": (1.0, "1 m/s"),
+    "m_s2": (1.0, "1 m/s2"),
+    "deg": (1.0, "1 deg"),
+    "deg_s": (0.1, "0.1 deg/s"),
+    "s": (1.0, "1 s"),
+}
+
+#: Limits in plain words.
+_WORDS: dict[str, str] = {
+    "tether_force_min_N": "more minimum tether force",
+    "tether_force_max_N": "more tether force",
+    "reel_in_speed_max_m_s": "faster reel-in",
+    "reel_out_speed_max_m_s": "faster reel-out",
+    "reeling_acceleration_max_m_s2": "more winch acceleration",
+    "generator_power_max_W": "more generator power",
+    "motor_power_max_W": "more motor power",
+    "height_min_m": "more minimum height",
+    "height_max_m": "more maximum height",
+    "tether_length_min_m": "more minimum tether length",
+    "tether_length_max_m": "more tether",
+    "elevation_max_deg": "more maximum elevation",
+    "traction_elevation_min_deg": "more minimum elevation in traction",
+    "traction_elevation_max_deg": "more maximum elevation in traction",
+    "traction_elevation_rate_max_deg_s": "faster change of elevation in traction",
+    "traction_duration_min_s": "more minimum duration of the traction",
+    "stroke_min_m": "more minimum stroke",
+    "phase_change_time_s": "more time for each phase change",
+}
+
+#: A share of the power, per 1 % of a key, below which a derivative is not worth a line.
+_NOTHING = 1e-9
+
+#: Keys whose derivative has a sign that everybody expects, with that sign and why the optimum may have the other.
+_EXPECTED: dict[str, tuple[float, str]] = {
+    "kite.mass_kg": (
+        -1.0,
+        "in this model weight helps the retraction; launching, gusts and steering, which it harms, are not modelled",
+    ),
+    "tether.density_kg_m3": (
+        -1.0,
+        "in this model weight helps the retraction; launching and sag in light wind, which it harms, are not modelled",
+    ),
+    "kite.projected_area_m2": (1.0, "more area cannot pull harder there and is harder to reel in"),
+    "environment.air.density_sea_level_kg_m3": (1.0, "denser air cannot pull harder there and resists the retraction"),
+    "kite.powered.lift_coefficient": (1.0, "more lift cannot be used there"),
+    "kite.powered.lift_to_drag": (1.0, "more lift-to-drag cannot be used there"),
+}
+
+#: Where the largest tether force rules, and where it does not.
+_FORCE_RULES = "limits.tether_force_max_N rules the traction, and"
+_OTHER_RULES = "a limit rules (see the shadow prices), and"
+
+
+def shadow_prices(keys: Sequence[str], prices: Mapping[str, FloatArray]) -> list[dict[str, Any]]:
+    """Return what each limit that presses is worth, by phase.
+
+    Parameters
+    ----------
+    keys
+        Key paths.
+    prices
+        Derivative of the optimal mean power through each phase, W per unit of each key, shape (keys,); ``cycle`` is
+        what does not act through a bound of one phase.
+    """
+    rows = []
+    for column, key in enumerate(keys):
+        if not key.startswith("limits."):
+            continue
+        total = sum(float(price[column]) for price in prices.values())
+        by_phase = {phase: float(price[column]) for phase, price in prices.items()}
+        largest = max(abs(price) for price in by_phase.values())
+        kept = {phase: price for phase, price in by_phase.items() if abs(price) > 1e-6 * largest}
+        if not kept:
+            continue
+        name = key.removeprefix("limits.")
+        amount, written = next(_AMOUNTS[unit] for unit in sorted(_AMOUNTS, key=len)[::-1] if name.endswith(f"_{unit}"))
+        verb = "is worth" if total >= 0.0 else "costs"
+        rows.append(
+            {
+                "key": key,
+                "derivative": total,
+                "phases": kept,
+                "text": f"{written} {_WORDS.get(name, name)} {verb} {_watts(abs(amount * total))}",
+            }
+        )
+    return rows
+
+
+def _watts(power: float) -> str:
+    return f"{power / 1e3:.3g} kW" if power >= 1e3 else f"{power:.3g} W"
+
+
+def design_warnings(rows: Sequence[Mapping[str, Any]], force_rules: bool) -> list[str]:
+    """Warn of derivatives whose sign invites a wrong design, and say why the optimum has it.
+
+    Parameters
+    ----------
+    rows
+        ``details["sensitivities"]``.
+    force_rules
+        Whether the largest tether force is held in the traction.
+    """
+    warnings = []
+    for row in rows:
+        expected, reason = _EXPECTED.get(row["key"], (0.0, ""))
+        elasticity = row["elasticity"]
+        if elasticity is not None and expected * row["derivative"] < 0.0 and abs(elasticity) > 1e-4:
+            if expected > 0.0:
+                reason = f"{_FORCE_RULES if force_rules else _OTHER_RULES} {reason}"
+            unit = "unit" if row["unit"] == "1" else row["unit"]
+            word = "raises" if row["derivative"] > 0.0 else "lowers"
+            warnings.append(
+                f"more {row['key']} {word} the optimum ({row['derivative']:+.3g} W per {unit}): {reason}; "
+                "do not design by this sign"
+            )
+    return warnings
+
+
+def format_sensitivities(result: Result) -> str:
+    """Return the table of a result of verb ``sensitivity``, by falling influence, with shadow prices and warnings."""
+    details = result.details
+    lines = [f"{result.problem.name}: sensitivity of the optimal mean power ({result.status})"]
+    if message := details.get("message"):
+        lines[0] += f" - {message}"
+    if "sensitivities" not in details:
+        return "\n".join(lines)
+    lines += [f"optimal mean power {details['optimal_mean_power_W']:.1f} W ({details['objective']})", ""]
+    rows = sorted(details["sensitivities"], key=lambda row: -abs(row["elasticity"] or 0.0))
+    felt = [row for row in rows if _felt(row)]
+    header = ("key", "value", "unit", "W per unit", "% per %", "holds from", "to", "change (W)", "")
+    cells = [header, *(_cells(row) for row in felt)]
+    widths = [max(len(row[column]) for row in cells) for column in range(len(header))]
+    for row in cells:
+        joined = [
+            row[0].ljust(widths[0]),
+            *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)),
+        ]
+        lines.append("  ".join(joined).rstrip())
+    silent = [row["key"] for row in rows if not _felt(row)]
+    if silent:
+        lines += ["", f"without influence: {', '.join(silent)}"]
+    lines += ["", "change: for the stated uncertainty (*), or for -1 % and +1 %"]
+    if any(row.get("misleading") for row in rows):
+        lines.append("!: re-solving gives a change that differs from the linear one by more than 10 %")
+    if details["shadow_prices"]:
+        lines += ["", "limits (at the rate here):"]
+        lines += [f"  {price['text']} ({', '.join(price['phases'])})" for price in details["shadow_prices"]]
+    lines += [f"warning: {text}" for text in result.warnings]
+    return "\n".join(lines)
+
+
+def _felt(row: Mapping[str, Any]) -> bool:
+    slopes = (row["derivative"], row["derivative_below"], row["derivative_above"])
+    return abs(row["elasticity"] or 0.0) > _NOTHING or any(slope is None or slope != 0.0 for slope in slopes)
+
+
+def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
+    mark = ("*" if row["uncertainty_stated"] else "") + ("!" if row.get("misleading") else "")
+    smooth = row["derivative_below"] is not None and row["derivative_above"] is not None
+    smooth = smooth and math.isclose(row["derivative_below"], row["derivative_above"], rel_tol=1e-9, abs_tol=1e-12)
+    derivative = f"{row['derivative']:.4g}"
+    if not smooth:
+        derivative = " | ".join(
+            "none" if s is None else f"{s:.4g}" for s in (row["derivative_below"], row["derivative_above"])
+        )
+    changes = " / ".join("none" if c is None else f"{c:+.3g}" for c in (row["change_at_from_W"], row["change_at_to_W"]))
+    elasticity = "" if row["elasticity"] is None else f"{row['elasticity']:+.3f}"
+    ends = ["" if row[name] is None else f"{row[name]:.4g}" for name in ("valid_from", "valid_to")]
+    unit = "" if row["unit"] == "1" else row["unit"]
+    return (row["key"], f"{row['value']:g}", unit, derivative, elasticity, *ends, changes, mark)
