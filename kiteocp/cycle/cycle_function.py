@@ -134,13 +134,13 @@ def _constant(value: Any) -> Any:
     return ca.floor(value * 2.0**30) / 2.0**30
 
 
-def _relative(error: Any, state: Any, stroke: Any) -> Any:
-    """Return the error of a step in relation to the phase so far."""
+def _relative(error: Any, state: Any, start: Any, stroke: Any) -> Any:
+    """Return the error of a step in relation to the phase so far; the transition has to fly down what it has risen."""
     return (
         ca.fabs(error[TIME] / state[TIME])
         + ca.fabs(error[ENERGY] / state[ENERGY])
         + ca.fabs(error[LENGTH] / stroke)
-        + ca.fabs(error[ELEVATION])
+        + ca.fabs(error[ELEVATION] / (state[ELEVATION] - start[ELEVATION]))
     )
 
 
@@ -162,9 +162,9 @@ def _retraction(rates: Rates, start: Any, shortest: Any, mesh: Mesh) -> tuple[An
         slope = rates(state)
         state, missed = _step(rates, state, ahead, TIME, DORMAND_PRINCE_8)
         later = rates(state)
-        error = error + _relative(missed, state, stroke)
+        error = error + _relative(missed, state, start, stroke)
     state, missed = _step(rates, state, shortest - state[LENGTH], LENGTH, DORMAND_PRINCE_8)
-    return state, error + _relative(missed, state, stroke)
+    return state, error + _relative(missed, state, start, stroke)
 
 
 def _transition(functions: TransitionFunctions, p: Any, start: Any, end: Any, mesh: Mesh) -> tuple[Any, Any]:
@@ -184,14 +184,14 @@ def _transition(functions: TransitionFunctions, p: Any, start: Any, end: Any, me
     def reeling_speed(branch: int, length: Any) -> Callable[[Any], Any]:
         return lambda elevation: rates(ca.vertcat(0.0, length, elevation, 0.0), branch, 1)[LENGTH]
 
-    def reeled(state: Any, branch: int, to: Any) -> Any:
+    def reeled(state: Any, branch: int, to: Any, tableau: Tableau) -> Any:
         step = (to - state[ELEVATION]) / mesh.reeling_steps
         for _ in range(mesh.reeling_steps):
-            state, _ = _step(lambda point: rates(point, branch, step < 0), state, step, ELEVATION, DORMAND_PRINCE_5)
+            state, _ = _step(lambda point: rates(point, branch, step < 0), state, step, ELEVATION, tableau)
         return state
 
     rest, in_order = _crossing(reeling_speed(low, start[LENGTH]), start[ELEVATION], end)
-    state = reeled(start, low, rest)
+    state = reeled(start, low, rest, DORMAND_PRINCE_5)
     reel_out, well = _crossing(reeling_speed(high, state[LENGTH]), rest, end)
     in_order, rests = ca.logic_and(in_order, well), reel_out < rest
     time = 0.0
@@ -205,7 +205,7 @@ def _transition(functions: TransitionFunctions, p: Any, start: Any, end: Any, me
         point = ca.vertcat(0.0, state[LENGTH], elevation, 0.0)
         time = time + weight * (reel_out - rest) / rates(point, at_rest, rests)[ELEVATION]
     state = ca.vertcat(state[TIME] + time, state[LENGTH], reel_out, state[ENERGY])
-    return reeled(state, high, end), in_order
+    return reeled(state, high, end, DORMAND_PRINCE_8), in_order
 
 
 def _crossing(function: Callable[[Any], Any], start: Any, end: Any) -> tuple[Any, Any]:

@@ -119,7 +119,7 @@ def test_nearly_all_take_the_coarse_steps() -> None:
         values = values_of(name)
         batch = kiteocp.simulate_batch(values, varied(values, 0.05, 400, 1))
         assert batch.flown.all()
-        assert np.mean(batch.route == "coarse") > 0.98
+        assert np.mean(batch.route == "coarse") > 0.9
 
 
 def test_impossible_cycles_say_why() -> None:
