@@ -165,6 +165,22 @@ def format_sensitivities(result: Result) -> str:
     return "\n".join(lines)
 
 
+def format_variation(result: Result) -> str:
+    """Return the table of ``details["variation"]``: value, power, tangent, and the limits active for longest."""
+    variation = result.details["variation"]
+    lines = [f"along {variation['key']}:", f"{'value':>12}  {'power (W)':>10}  {'tangent (W)':>11}  status, limits"]
+    for point in variation["points"]:
+        power, tangent = ("-" if point[n] is None else f"{point[n]:.1f}" for n in ("mean_power_W", "tangent_W"))
+        held = [
+            f"{entry['limit'].removeprefix('limits.')} ({phase})"
+            for phase, entries in point["active_limits"].items()
+            for entry in entries[:1]
+        ]
+        note = "; ".join([point["status"], *held])
+        lines.append(f"{point['value']:>12.6g}  {power:>10}  {tangent:>11}  {note}")
+    return "\n".join(lines)
+
+
 def _felt(row: Mapping[str, Any]) -> bool:
     slopes = (row["derivative"], row["derivative_below"], row["derivative_above"])
     return abs(row["elasticity"] or 0.0) > _NOTHING or any(slope is None or slope != 0.0 for slope in slopes)

@@ -1,0 +1,211 @@
+"""The optimum along one key of the problem file: certified re-solves beside the tangent at the problem's own value."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kiteocp.errors import InputError, SolveError
+from kiteocp.ocp import certificate as certify
+from kiteocp.ocp.certificate import Certificate
+from kiteocp.ocp.limits import SCALES
+from kiteocp.ocp.optimum import OptimalCycle, active_limits
+from kiteocp.ocp.solution import Optimum, optimise
+from kiteocp.physics.parameters import parameter_values
+from kiteocp.problem import Problem
+from kiteocp.result import Result, write_atomically
+
+VARIATION_FILE = "variation.csv"
+
+#: Of two optima at one value the cold one is taken to be another where its power is larger by this share.
+ANOTHER_OPTIMUM = 1e-4
+
+
+@dataclass(frozen=True)
+class Variation:
+    """A key and the optimum at several of its values.
+
+    Attributes
+    ----------
+    key
+        Key path.
+    points
+        For each value, ascending: ``value``, ``status``, ``mean_power_W`` (None where there is no cycle), ``tangent_W``
+        (None where the problem's own value has no optimum), ``active_limits`` (by phase, with share of its time).
+    """
+
+    key: str
+    points: tuple[dict[str, Any], ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the variation as plain values for the summary."""
+        return {"key": self.key, "points": list(self.points)}
+
+    def save(self, directory: Path) -> Path:
+        """Write the points as a table, one column for the share of time of each limit in each phase."""
+        names = self.limits()
+        stream = io.StringIO()
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow([self.key, "mean_power_W", "tangent_W", "status", *(f"{p}:{n}" for p, n in names)])
+        for point in self.points:
+            shares = [share_of(point, phase, name) for phase, name in names]
+            head = [point["value"], point["mean_power_W"], point["tangent_W"], point["status"]]
+            writer.writerow(["" if cell is None else cell for cell in (*head, *shares)])
+        path = directory / VARIATION_FILE
+        write_atomically({path: stream.getvalue().encode()})
+        return path
+
+    def limits(self) -> list[tuple[str, str]]:
+        """Return phase and key of every limit that is active at some point."""
+        found = [
+            (phase, entry["limit"])
+            for point in self.points
+            for phase, entries in point["active_limits"].items()
+            for entry in entries
+        ]
+        return sorted(dict.fromkeys(found))
+
+
+def share_of(point: dict[str, Any], phase: str, limit: str) -> float:
+    """Return the share of the time of a phase for which a limit is active at a point of a variation."""
+    entries = point["active_limits"].get(phase, [])
+    return next((float(entry["share"]) for entry in entries if entry["limit"] == limit), 0.0)
+
+
+def parse_variation(text: str) -> tuple[str, list[float]]:
+    """Split ``key=from:to:count``.
+
+    Returns
+    -------
+    tuple of str and list of float
+        Key path and the values, ascending.
+
+    Raises
+    ------
+    InputError
+        If it is not of this form.
+    """
+    key, _, numbers = text.partition("=")
+    parts = numbers.split(":")
+    try:
+        first, last, count = float(parts[0]), float(parts[1]), int(parts[2])
+        good = len(parts) == 3 and bool(np.isfinite([first, last]).all()) and first != last and 2 <= count <= 1000
+    except (ValueError, IndexError):
+        good = False
+    if not (good and key.strip()):
+        raise InputError(
+            f"--vary {text}: expected key=from:to:count with 2 to 1000 values, such as tether.diameter_m=0.003:0.008:11"
+        )
+    return key.strip(), [float(v) for v in np.linspace(min(first, last), max(first, last), count)]
+
+
+def varied_problems(problem: Problem, key: str, values: Sequence[float]) -> list[Problem]:
+    """Return the problem with each of the values.
+
+    Raises
+    ------
+    InputError
+        The key does not exist or is not a number, or a value makes the problem wrong.
+    """
+    problems = [problem.with_values({key: value}) for value in values]
+    if key not in parameter_values(problems[0]).structure.keys:
+        raise InputError(f"--vary {key}: is not a number that the optimum depends on; give one such as kite.mass_kg")
+    return problems
+
+
+def vary(problem: Problem, key: str, values: Sequence[float], around: Result | None = None) -> Variation:
+    """Re-solve a problem along one key, each value warm from its neighbour, and certify every optimum.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    key
+        Key path of a number.
+    values
+        Ascending.
+    around
+        The sensitivities of the problem itself, whose tangent is laid beside the curve; None leaves it out.
+
+    Returns
+    -------
+    Variation
+
+    Raises
+    ------
+    InputError
+        As `varied_problems`.
+    """
+    problems = varied_problems(problem, key, values)
+    # The ends are solved cold: a better optimum there than the warm chain finds means that the chain must be cold too.
+    ends = {index: _cold(problems[index]) for index in (0, len(problems) - 1)}
+    chain: list[Optimum | str] = [ends[0]]
+    for varied in problems[1:]:
+        chain.append(_warm(varied, chain[-1]))
+    last, cold = chain[-1], ends[len(problems) - 1]
+    if isinstance(cold, Optimum) and (isinstance(last, str) or _better(cold, last)):
+        chain = [ends[0], *(_cold(varied) for varied in problems[1:-1]), cold]
+    tangents: list[float | None] = [None] * len(values)
+    rows = [row for row in around.details["sensitivities"] if row["key"] == key] if around is not None else []
+    if around is not None and rows:
+        power, slope, own = around.details["optimal_mean_power_W"], rows[0]["derivative"], rows[0]["value"]
+        tangents = [power + slope * (value - own) for value in values]
+    points = [_point(value, found, tangent) for value, found, tangent in zip(values, chain, tangents, strict=True)]
+    return Variation(key, tuple(points))
+
+
+def _better(one: Optimum, other: Optimum) -> bool:
+    return one.mean_power_W - other.mean_power_W > ANOTHER_OPTIMUM * abs(one.mean_power_W)
+
+
+def _cold(problem: Problem) -> Optimum | str:
+    """Return the optimum from all starts, on a finer mesh where that of the file does not pass; or why there is none."""
+    try:
+        found = optimise(problem, certificate="quick")
+        return found if found.certificate.passed else optimise(problem, certificate="full")
+    except SolveError as error:
+        return "infeasible" if error.explanation else "failed"
+
+
+def _warm(problem: Problem, neighbour: Optimum | str) -> Optimum | str:
+    """Return the optimum from a neighbour's, checked; from all starts where that does not pass."""
+    if isinstance(neighbour, str):
+        return _cold(problem)
+    values = parameter_values(problem)
+    if values.structure != neighbour.values.structure:
+        return _cold(problem)
+    solution = neighbour.solver.solve(neighbour.solution.x, values.vector, warm=neighbour.solution)
+    if not solution.success:
+        return _cold(problem)
+    program = neighbour.solver.program
+    cycle = OptimalCycle.of(program, solution, values)
+    resimulation, flown, _ = certify.resimulation_check(cycle)
+    limits = certify.limits_check(certify.limit_margins(cycle, flown))
+    checks = (certify.solver_check(solution), certify.kkt_check(program, solution), limits, resimulation)
+    found = replace(
+        neighbour,
+        problem=problem,
+        values=values,
+        solution=solution,
+        cycle=cycle,
+        certificate=Certificate("quick", checks),
+    )
+    return found if found.certificate.passed else _cold(problem)
+
+
+def _point(value: float, found: Optimum | str, tangent: float | None) -> dict[str, Any]:
+    if isinstance(found, str):
+        return {"value": value, "status": found, "mean_power_W": None, "tangent_W": tangent, "active_limits": {}}
+    return {
+        "value": value,
+        "status": found.certificate.status,
+        "mean_power_W": float(-found.solution.f * SCALES["power"]),
+        "tangent_W": tangent,
+        "active_limits": active_limits(found.cycle),
+    }

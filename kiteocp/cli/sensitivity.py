@@ -1,0 +1,95 @@
+"""Differentiate the optimal mean power with respect to every number of a problem file, and say how far that holds."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kiteocp.cli.calculation import failed_result, load, output_directory
+from kiteocp.cli.output import complain, say
+from kiteocp.cli.parser import add_calculation
+from kiteocp.errors import SolveError
+
+if TYPE_CHECKING:
+    from kiteocp.analysis.variation import Variation
+    from kiteocp.problem import Problem
+    from kiteocp.result import Result
+
+NAME = "sensitivity"
+HELP = "say what the optimal power is worth in every number and limit of a problem"
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the problem, and what to find out beside the derivatives."""
+    add_calculation(parser)
+    parser.add_argument(
+        "--no-intervals",
+        dest="intervals",
+        action="store_false",
+        help="derivatives only: do not follow the optimum to where its active limits change",
+    )
+    parser.add_argument(
+        "--vary",
+        metavar="KEY=FROM:TO:N",
+        help="also re-solve along one key at N values, as tether.diameter_m=0.003:0.008:11",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Differentiate, vary where asked to, save, print and draw."""
+    problem = load(arguments.problem, arguments.overrides)
+    directory = output_directory(arguments.output, problem, NAME)
+    result, variation = _computed(problem, arguments)
+    written = result.save(directory)
+    if variation is not None:
+        written.append(variation.save(directory))
+    say(json.dumps(result.summary(), indent=2, ensure_ascii=False) if arguments.json else _report(result))
+    try:
+        if arguments.plot and "sensitivities" in result.details:
+            written += _draw(result, directory, arguments.formats or ("png",))
+    finally:
+        if not arguments.json:
+            say("written: " + ", ".join(str(path) for path in written))
+    if not result.succeeded:
+        message = result.details.get("message") or "the calculation did not succeed"
+        complain(f"{problem.name}: {result.status}: {message}; what was reached is saved in {directory}")
+        return 1
+    return 0
+
+
+def _computed(problem: Problem, arguments: argparse.Namespace) -> tuple[Result, Variation | None]:
+    # Imported once the problem is known to be good: a mistake in it is answered without waiting for CasADi.
+    from kiteocp.analysis.sensitivity import sensitivities  # noqa: PLC0415
+    from kiteocp.analysis.variation import parse_variation, varied_problems, vary  # noqa: PLC0415
+
+    asked = None if arguments.vary is None else parse_variation(arguments.vary)
+    if asked is not None:
+        varied_problems(problem, *asked)
+    try:
+        result = sensitivities(problem, intervals=arguments.intervals)
+    except SolveError as error:
+        return failed_result(NAME, problem, error), None
+    if asked is None:
+        return result, None
+    variation = vary(problem, *asked, around=result)
+    result.details["variation"] = variation.to_dict()
+    return result, variation
+
+
+def _report(result: Result) -> str:
+    from kiteocp.analysis.sensitivity_report import format_sensitivities, format_variation  # noqa: PLC0415
+
+    text = format_sensitivities(result)
+    return f"{text}\n\n{format_variation(result)}" if "variation" in result.details else text
+
+
+def _draw(result: Result, directory: Path, formats: tuple[str, ...] | list[str]) -> list[Path]:
+    # matplotlib only where a picture is wanted.
+    from kiteocp.plots.sensitivity import plot_sensitivities, plot_variation  # noqa: PLC0415
+
+    written = plot_sensitivities(result, directory / "sensitivity", formats)
+    if "variation" in result.details:
+        written += plot_variation(result, directory / "variation", formats)
+    return written
