@@ -31,7 +31,7 @@ def made_up(monkeypatch):
         return make_result(problem=problem)
 
     monkeypatch.setattr(kiteocp.cycle, "simulate", simulate)
-    monkeypatch.setattr(kiteocp.ocp, "solve", lambda _problem: make_optimum(), raising=False)
+    monkeypatch.setattr(kiteocp.ocp, "solve", lambda _problem, **_options: make_optimum(), raising=False)
     return asked
 
 
@@ -114,7 +114,7 @@ def test_a_calculation_without_an_answer_is_saved_and_said(capsys, monkeypatch, 
 
 def test_a_result_that_is_not_certified_is_saved_drawn_and_exit_status_1(capsys, monkeypatch):
     reached = make_result("solve", status="not_certified", details={"message": "the mesh is too coarse"})
-    monkeypatch.setattr(kiteocp.ocp, "solve", lambda _problem: reached, raising=False)
+    monkeypatch.setattr(kiteocp.ocp, "solve", lambda _problem, **_options: reached, raising=False)
     code = main(["solve", "strong-wind", "-o", "out"])
     assert code == 1
     one_sentence(capsys, code, "not_certified: the mesh is too coarse")

@@ -128,7 +128,7 @@ def active_limits(cycle: OptimalCycle) -> dict[str, list[dict[str, Any]]]:
             near = np.abs(quantity_of(record, limit.quantity) - bound) <= ACTIVE_WITHIN * max(abs(bound), 1e-3)
             held = near.astype(float)
             # The phase's own ends count as well: a length that is just reached has no duration.
-            share = float(np.trapezoid(held, record.time_s) / record.duration_s)
+            share = min(float(np.trapezoid(held, record.time_s) / record.duration_s), 1.0)
             if near.any():
                 entries.append({"limit": limit.key, "value": values[limit.key], "share": share})
         entries += _rate_limits(cycle, record)

@@ -12,7 +12,7 @@ FORCE_RATIO_MIN = 0.03
 #: Retraction force over largest tether force of a prescribed cycle that does not give it.
 FORCE_RATIO_RETRACTION = 0.25
 #: Mesh intervals of a phase: one smooth curve of the force needs few, a schedule beside it more.
-PLAIN_RETRACTION_INTERVALS, PLAIN_TRACTION_INTERVALS, RICH_INTERVALS = 2, 1, 4
+PLAIN_RETRACTION_INTERVALS, PLAIN_TRACTION_INTERVALS, RICH_INTERVALS = 3, 1, 4
 
 
 def resolved(content: dict[str, Any]) -> dict[str, Any]:

@@ -112,7 +112,7 @@ class Mesh(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     retraction_intervals: Annotated[
         int,
         quantity(
-            "1", "intervals of the retraction phase", ge=1, le=200, derived="2; 4 with optimisation.power_setting: all"
+            "1", "intervals of the retraction phase", ge=1, le=200, derived="3; 4 with optimisation.power_setting: all"
         ),
     ]
     transition_intervals: Annotated[int, quantity("1", "intervals of the transition phase", ge=1, le=200)] = 2

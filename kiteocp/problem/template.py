@@ -137,6 +137,6 @@ _DERIVED = {
     "limits.tether_force_min_N": "150",
     "limits.tether_length_min_m": "200",
     "limits.tether_length_max_m": "400",
-    "optimisation.mesh.retraction_intervals": "2",
+    "optimisation.mesh.retraction_intervals": "3",
     "optimisation.mesh.traction_intervals": "1",
 }

@@ -43,22 +43,8 @@ def failures(optimum: Optimum) -> set[str]:
     return {check.name for check in optimum.certificate.failures}
 
 
-#: Shipped problems and levels of the certificate. On the default mesh of the v3-kite the winch ends 0.23 m off, and a
-#: thousandth of the stroke is 0.19 m.
-CERTIFIED = [
-    pytest.param(
-        name,
-        level,
-        marks=[pytest.mark.xfail(reason="length gap of the re-simulation on the default mesh", strict=True)]
-        if (name, level) == ("v3-kite", "quick")
-        else [],
-    )
-    for name in shipped_problems()
-    for level in ("quick", "full")
-]
-
-
-@pytest.mark.parametrize(("name", "level"), CERTIFIED)
+@pytest.mark.parametrize("level", ["quick", "full"])
+@pytest.mark.parametrize("name", shipped_problems())
 def test_shipped_problems_are_certified(name: str, level: certify.Level) -> None:
     optimum = optimise(load_problem(name), certificate=level)
     assert optimum.certificate.status == "certified", optimum.certificate.message

@@ -70,7 +70,6 @@ def test_a_free_power_setting_in_traction_never_loses(name: str) -> None:
     assert power(name, "constant", "traction") >= power(name) * (1 - 1e-5)
 
 
-@pytest.mark.xfail(reason="the starts of this mode lead to local optima below that of the fixed setting", strict=False)
 @pytest.mark.parametrize("name", ["strong-wind", "moderate-wind", "v3-kite"])
 def test_a_free_power_setting_in_all_phases_never_loses(name: str) -> None:
     assert power(name, "constant", "all") >= power(name) * (1 - 1e-5)
