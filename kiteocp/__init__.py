@@ -15,9 +15,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from kiteocp import errors as errors
     from kiteocp.analysis.winch import export_schedule as export_schedule
-    from kiteocp.cycle import BatchResult as BatchResult
     from kiteocp.cycle import simulate as simulate
-    from kiteocp.cycle import simulate_batch as simulate_batch
+    from kiteocp.cycle.batch import BatchResult as BatchResult
+    from kiteocp.cycle.batch import simulate_batch as simulate_batch
     from kiteocp.errors import CycleError as CycleError
     from kiteocp.errors import InputError as InputError
     from kiteocp.errors import KiteocpError as KiteocpError
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     __version__: str
 
 _HOMES: dict[str, str] = {
-    "BatchResult": "kiteocp.cycle",
+    "BatchResult": "kiteocp.cycle.batch",
     "CycleError": "kiteocp.errors",
     "InputError": "kiteocp.errors",
     "KiteocpError": "kiteocp.errors",
@@ -48,7 +48,7 @@ _HOMES: dict[str, str] = {
     "load_result": "kiteocp.result",
     "shipped_problems": "kiteocp.problem",
     "simulate": "kiteocp.cycle",
-    "simulate_batch": "kiteocp.cycle",
+    "simulate_batch": "kiteocp.cycle.batch",
     "solve": "kiteocp.ocp",
 }
 

@@ -1,6 +1,5 @@
-"""What a pumping cycle is, and its forward simulation."""
+"""What a pumping cycle is, and its forward simulation, one by one (here) or in batches (`kiteocp.cycle.batch`)."""
 
-from kiteocp.cycle.batch import BatchResult, simulate_batch
 from kiteocp.cycle.simulation import simulate
 
-__all__ = ["BatchResult", "simulate", "simulate_batch"]
+__all__ = ["simulate"]

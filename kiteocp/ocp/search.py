@@ -9,10 +9,8 @@ from typing import Any
 
 from kiteocp.errors import InfeasibleError, SolveError
 from kiteocp.ocp.formulation import Formulation, cycle_program, deferred_rows
-from kiteocp.ocp.infeasibility import explain
 from kiteocp.ocp.limits import SCALES
 from kiteocp.ocp.nlpsolver import Solution, Solver
-from kiteocp.ocp.reliefs import penalised_optimum
 from kiteocp.ocp.starts import STARTS, enriched, guess_of, pinned_start, rescue_starts
 from kiteocp.physics.parameters import ParameterValues, Structure
 from kiteocp.problem import Problem
@@ -106,6 +104,10 @@ def _rescue(solver: Solver, values: ParameterValues, formulation: Formulation) -
     InfeasibleError
         Limits are in conflict.
     """
+    # Imported where it is needed, which is seldom: `kiteocp solve` starts sooner without.
+    from kiteocp.ocp.infeasibility import explain  # noqa: PLC0415
+    from kiteocp.ocp.reliefs import penalised_optimum  # noqa: PLC0415
+
     program = solver.program
     found = explain(values, formulation)
     if found.start is not None:
