@@ -13,6 +13,7 @@ import numpy as np
 
 from kiteocp.analysis.local_study import LocalStudy
 from kiteocp.analysis.sensitivity_report import design_warnings, shadow_prices
+from kiteocp.cycle.phases import PHASES
 from kiteocp.cycle.summary import cycle_summary, phase_summaries, validity_warnings
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.following import Reach
@@ -191,14 +192,22 @@ def _prices(study: LocalStudy) -> dict[str, FloatArray]:
     shares = SCALES["power"] * pressing[:, None] * study.derivatives.pressed
     program = study.optimum.solver.program
     labels = (*program.variables, *program.rows)
-    # The one elevation of the traction is shared by no other phase.
-    phases = [label.phase or ("traction" if label.kind == "static" else "cycle") for label in labels]
+    phases = [_phase_of(label) for label in labels]
     prices = {
         name: shares[[index for index, phase in enumerate(phases) if phase == name]].sum(axis=0)
         for name in dict.fromkeys(phases)
     }
     prices["cycle"] = study.gradient - sum(share for name, share in prices.items() if name != "cycle")
     return prices
+
+
+def _phase_of(label: Label) -> str:
+    """Phase in which a bound presses, ``cycle`` for what holds between phases."""
+    if label.phase is None:
+        # The one elevation of the traction belongs to no other phase.
+        return "traction" if label.kind == "static" else "cycle"
+    # The start of a phase is the end of the one before, where it presses as well; one name for both.
+    return PHASES[PHASES.index(label.phase) - 1] if label.point == 0 else label.phase
 
 
 def _force_rules(study: LocalStudy) -> bool:

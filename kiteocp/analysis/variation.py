@@ -165,7 +165,7 @@ def _better(one: Optimum, other: Optimum) -> bool:
 
 
 def _cold(problem: Problem) -> Optimum | str:
-    """Return the optimum from all starts, on a finer mesh where that of the file does not pass; or why there is none."""
+    """Return the optimum from all starts, on a finer mesh where that of the file does not pass; or the status."""
     try:
         found = optimise(problem, certificate="quick")
         return found if found.certificate.passed else optimise(problem, certificate="full")

@@ -136,7 +136,8 @@ def compose_variation(result: Result) -> Figure:
     power, limits = figure.add_axes((0.36, 0.52, 0.61, 0.38)), figure.add_axes((0.36, 0.09, 0.61, 0.38))
     for axes in (power, limits):
         style_axes(axes)
-        axes.set_xlim(points[0]["value"], points[-1]["value"])
+        margin = 0.02 * (points[-1]["value"] - points[0]["value"])
+        axes.set_xlim(points[0]["value"] - margin, points[-1]["value"] + margin)
     solved = [point for point in points if point["mean_power_W"] is not None]
     values, powers = [p["value"] for p in solved], [1e-3 * p["mean_power_W"] for p in solved]
     power.plot(values, powers, color=INK, linewidth=LINE_WIDTH, marker="o", markersize=3.5)
