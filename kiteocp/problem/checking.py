@@ -200,7 +200,7 @@ def suggestion(name: str, key: Key) -> str:
         return f"it belongs where {owners}"
     near = nearest(name, key.children)
     if near is not None:
-        return f"did you mean {near}?"
+        return f"did you mean {key.path}.{near}?" if key.path else f"did you mean {near}?"
     elsewhere = [other.path for other in catalogue().walk() if other.path and other.name == name]
     if elsewhere:
         return f"it belongs to {elsewhere[0]}"

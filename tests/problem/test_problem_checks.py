@@ -33,7 +33,7 @@ def message(tmp_path: Path, old: str, new: str) -> str:
 @pytest.mark.parametrize(
     ("old", "new", "expected"),
     [
-        ("mass_kg: 15.0", "mas_kg: 15.0", "kite.mas_kg is not a known key; did you mean mass_kg?"),
+        ("mass_kg: 15.0", "mas_kg: 15.0", "kite.mas_kg is not a known key; did you mean kite.mass_kg?"),
         ("limits:", "limit:", "limit is not a known key; did you mean limits?"),
         ("mass_kg: 15.0", "mass_g: 15000", "give it in kg, as mass_kg"),
         ("mass_kg: 15.0", "mass: 15", "give it in kg, as mass_kg"),

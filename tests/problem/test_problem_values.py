@@ -151,7 +151,7 @@ def test_none_takes_a_key_out_and_an_override_mends_a_file(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("key", "expected"),
     [
-        ("kite.mas_kg", "did you mean mass_kg"),
+        ("kite.mas_kg", "did you mean kite.mass_kg"),
         ("mass_kg", "did you mean kite.mass_kg"),
         ("kite.mass_g", "give it in kg, as mass_kg"),
         ("kit.mass_kg", "did you mean kite.mass_kg"),
