@@ -11,11 +11,12 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from kiteocp.errors import InputError, SolveError
-from kiteocp.ocp.active_set import ActiveSetError, ActiveSetMethod, Derivatives, SharpSolution
+from kiteocp.ocp.active_set import ActiveSetMethod
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.following import Reach, follow, one_sided
 from kiteocp.ocp.limits import SCALES
 from kiteocp.ocp.nlp import NonlinearProgram
+from kiteocp.ocp.sharp import ActiveSetError, Derivatives, SharpSolution
 from kiteocp.ocp.solution import Optimum
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem

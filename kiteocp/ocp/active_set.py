@@ -9,7 +9,6 @@ Analysis in Nonlinear Programming*, 1983). `kiteocp.ocp.following` goes on from 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -17,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kiteocp.ocp.collocation import FloatArray
-from kiteocp.ocp.nlp import Label, NonlinearProgram
+from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.nlpsolver import Solution
+from kiteocp.ocp.sharp import ActiveSet, ActiveSetError, Derivatives, SharpSolution
 
 #: Newton's method takes its last step here, in the scaled units of the program; rounding leaves about 1e-13.
 SHARP = 1e-9
@@ -39,85 +39,6 @@ CHANGES = 12
 
 #: The least slack and multiplier that a sharpened solution may show with the wrong sign.
 ROUNDING = 1e-9
-
-
-class ActiveSetError(Exception):
-    """The first-order conditions on an active set have no regular solution near the start."""
-
-
-@dataclass(frozen=True)
-class ActiveSet:
-    """Which bounds press: -1 lower, +1 upper, 0 none, for each variable and row; equalities count as 1.
-
-    Attributes
-    ----------
-    variables, rows
-        Shape (variables,) and (rows,).
-    weak
-        Labels of bounds of which it is not clear whether they press.
-    """
-
-    variables: NDArray[np.int8]
-    rows: NDArray[np.int8]
-    weak: tuple[Label, ...] = ()
-
-    def same(self, other: ActiveSet) -> bool:
-        """Whether the same bounds press."""
-        return bool(np.array_equal(self.variables, other.variables) and np.array_equal(self.rows, other.rows))
-
-
-@dataclass(frozen=True)
-class SharpSolution:
-    """A solution of the first-order conditions on an active set, to rounding.
-
-    Attributes
-    ----------
-    x, g, lam_x, lam_g, p, f
-        As in `Solution`.
-    active
-        The active set.
-    nearer_lower
-        Whether a variable or row is nearer to its lower bound than to its upper one, shape (variables + rows,).
-    """
-
-    x: FloatArray
-    g: FloatArray
-    lam_x: FloatArray
-    lam_g: FloatArray
-    p: FloatArray
-    f: float
-    active: ActiveSet
-    nearer_lower: NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class Derivatives:
-    """Derivatives of a solution along directions of the parameters, on its active set; a column for each direction.
-
-    Attributes
-    ----------
-    objective
-        Of the optimal objective, shape (directions,).
-    x
-        Of the variables (scaled), shape (variables, directions).
-    values, multipliers
-        Of the variables and rows, and of their multipliers, shape (variables + rows, directions).
-    lower, upper
-        Of the bounds of variables and rows, shape (variables + rows, directions); zero for infinite ones.
-    pressed
-        Of the bound that each active variable or row is at, shape (variables + rows, directions); else zero.
-    objective_second
-        Second derivatives of the optimal objective, shape (directions, directions).
-    """
-
-    objective: FloatArray
-    x: FloatArray
-    values: FloatArray
-    multipliers: FloatArray
-    lower: FloatArray
-    upper: FloatArray
-    pressed: FloatArray
-    objective_second: FloatArray
 
 
 class ActiveSetMethod:
@@ -304,7 +225,7 @@ class ActiveSetMethod:
 
     def pressing(
         self, sharp: SharpSolution, directions: FloatArray, within: float
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
         """Collect all bounds that a solution sits at, whether or not they carry a multiplier.
 
         Parameters
@@ -324,6 +245,8 @@ class ActiveSetMethod:
             Of value minus bound, with the variables held.
         multipliers, signs : ndarray, shape (bounds,)
             The multipliers of this solution, and the sign that each must have (0: any).
+        held : ndarray, shape (bounds,)
+            Which belong to the active set.
         """
         lower, upper = self._split(sharp.p)
         value = np.concatenate((sharp.x, sharp.g))
@@ -337,7 +260,31 @@ class ActiveSetMethod:
             self._own_rows(ActiveSet(pressed[: self.nx], pressed[self.nx :]))[1]
         ]
         multipliers = np.concatenate((sharp.lam_x, sharp.lam_g))[at]
-        return rows[:, : self.nx], (rows[:, self.nx :] - bounds) @ directions, multipliers, side[at].astype(float)
+        held = np.concatenate((sharp.active.variables, sharp.active.rows))[at] != 0
+        slopes = (rows[:, self.nx :] - bounds) @ directions
+        return rows[:, : self.nx], slopes, multipliers, side[at].astype(float), held
+
+    def combinations(self, sharp: SharpSolution, gradients: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Write gradients as combinations of those of the active bounds, as far as they can be.
+
+        Parameters
+        ----------
+        sharp
+            The solution.
+        gradients
+            Shape (variables, gradients).
+
+        Returns
+        -------
+        rest : ndarray, shape (variables, gradients)
+            Zero for a gradient that is such a combination.
+        shares : ndarray, shape (active bounds, gradients)
+            Of each active bound.
+        """
+        own, _ = self._own_rows(sharp.active)
+        _, _, _, hessian, rows = self._newton(sharp.x, sharp.p, sharp.lam_g)
+        right = np.vstack((gradients, np.zeros((own.size, gradients.shape[1]))))
+        return tuple(np.split(self._solve(hessian, rows, own, right), [self.nx]))  # type: ignore[return-value]
 
     def _split(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
         lbx, ubx, lbg, ubg = self.program.numeric_bounds(p)
@@ -352,12 +299,16 @@ class ActiveSetMethod:
         return own, side
 
     def _solve(self, hessian: Any, rows: Any, own: NDArray[np.intp], right: FloatArray) -> FloatArray:
-        """Solve the Newton system of the active bounds, by CasADi's sparse LU: faster than dense, no threads."""
+        """Solve the Newton system of the active bounds, by CasADi's own sparse QR.
+
+        A dense solve waits for the threads of BLAS, a hundred times longer where other processes hold the cores;
+        CasADi's sparse LU takes four times as long.
+        """
         active = ca.vertcat(ca.DM.eye(self.nx), rows)[own.tolist(), :]
         matrix = ca.blockcat([[hessian, active.T], [active, ca.DM(own.size, own.size)]])
         key = own.tobytes()
         if key not in self._factors:
-            self._factors[key] = ca.Linsol("newton", "csparse", matrix.sparsity())
+            self._factors[key] = ca.Linsol("newton", "qr", matrix.sparsity())
         try:
             solved = np.asarray(self._factors[key].solve(matrix, ca.DM(right)).full())
         except RuntimeError as error:

@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kiteocp.ocp.active_set import ActiveSetError, ActiveSetMethod, Derivatives, SharpSolution
+from kiteocp.ocp.active_set import ActiveSetMethod
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.nlp import Label
+from kiteocp.ocp.sharp import ActiveSetError, Derivatives, SharpSolution
 
 #: Bounds nearer than this (scaled units of the program) are taken to sit exactly at a change of the active set.
 AT_A_CHANGE = 1e-7
@@ -180,14 +181,18 @@ def one_sided(
         Slopes of the objective against the direction and along it: equal where the optimum is smooth, infinite where
         no solution exists on that side.
     """
-    gradients, slopes, given, signs = method.pressing(sharp, directions, AT_A_CHANGE)
-    size = np.maximum(np.linalg.norm(gradients, axis=1), 1e-12)
-    left, values, _ = np.linalg.svd(gradients / size[:, None])
-    rank = int(np.sum(values > DEPENDENT))
-    # Combinations of multipliers that change nothing in the gradient of the Lagrangian.
-    free = left[:, rank:] / size[:, None]
-    change = free.T @ slopes
     below, above = derivatives.objective.copy(), derivatives.objective.copy()
+    gradients, slopes, given, signs, held = method.pressing(sharp, directions, AT_A_CHANGE)
+    if held.all():
+        return below, above
+    size = np.maximum(np.linalg.norm(gradients[~held], axis=1), 1e-12)
+    rest, shares = method.combinations(sharp, gradients[~held].T / size)
+    _, values, rows = np.linalg.svd(rest)
+    alone = rows[int(np.sum(values > DEPENDENT)) :].T
+    # Combinations of multipliers that change nothing in the gradient of the Lagrangian.
+    free = np.zeros((held.size, alone.shape[1]))
+    free[held], free[~held] = -shares @ alone, alone / size[:, None]
+    change = free.T @ slopes
     for column in np.flatnonzero(np.max(np.abs(change), axis=0, initial=0.0) > AT_A_CHANGE * _size(slopes)):
         lowest, highest = _extremes(change[:, column], free, given, signs)
         below[column] += lowest
