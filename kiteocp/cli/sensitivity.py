@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from kiteocp.cli.calculation import failed_result, load, output_directory
 from kiteocp.cli.output import complain, say
 from kiteocp.cli.parser import add_calculation
-from kiteocp.errors import SolveError
+from kiteocp.errors import CycleError, SolveError
 
 if TYPE_CHECKING:
     from kiteocp.analysis.variation import Variation
@@ -35,6 +35,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="KEY=FROM:TO:N",
         help="also re-solve along one key at N values, as tether.diameter_m=0.003:0.008:11",
     )
+    parser.add_argument(
+        "--simulate",
+        dest="forward",
+        action="store_true",
+        help="also differentiate the prescribed cycle, as simulated: mean powers and durations of its phases",
+    )
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -42,6 +48,7 @@ def run(arguments: argparse.Namespace) -> int:
     problem = load(arguments.problem, arguments.overrides)
     directory = output_directory(arguments.output, problem, NAME)
     result, variation = _computed(problem, arguments)
+    unflown = _differentiate_forward(problem, result) if arguments.forward else None
     written = result.save(directory)
     if variation is not None:
         written.append(variation.save(directory))
@@ -55,6 +62,9 @@ def run(arguments: argparse.Namespace) -> int:
     if not result.succeeded:
         message = result.details.get("message") or "the calculation did not succeed"
         complain(f"{problem.name}: {result.status}: {message}; what was reached is saved in {directory}")
+        return 1
+    if unflown is not None:
+        complain(f"{problem.name}: {unflown}; the rest is saved in {directory}")
         return 1
     return 0
 
@@ -78,11 +88,28 @@ def _computed(problem: Problem, arguments: argparse.Namespace) -> tuple[Result, 
     return result, variation
 
 
+def _differentiate_forward(problem: Problem, result: Result) -> str | None:
+    """Add the prescribed cycle and its derivatives to a result; return why there are none, if so."""
+    from kiteocp.analysis.forward_sensitivity import forward_sensitivity  # noqa: PLC0415
+
+    try:
+        result.details.update(forward_sensitivity(problem).to_dict())
+    except CycleError as error:
+        result.details.update({"forward_cycle": None, "forward_sensitivities": [], "forward_message": str(error)})
+        return f"the prescribed cycle cannot be flown: {error}"
+    return None
+
+
 def _report(result: Result) -> str:
+    from kiteocp.analysis.forward_sensitivity import format_forward  # noqa: PLC0415
     from kiteocp.analysis.sensitivity_report import format_sensitivities, format_variation  # noqa: PLC0415
 
-    text = format_sensitivities(result)
-    return f"{text}\n\n{format_variation(result)}" if "variation" in result.details else text
+    parts = [format_sensitivities(result)]
+    if "variation" in result.details:
+        parts.append(format_variation(result))
+    if result.details.get("forward_cycle"):
+        parts.append(format_forward(result.details))
+    return "\n\n".join(parts)
 
 
 def _draw(result: Result, directory: Path, formats: tuple[str, ...] | list[str]) -> list[Path]:
