@@ -185,7 +185,7 @@ def _warm(problem: Problem, neighbour: Optimum | str) -> Optimum | str:
         return _cold(problem)
     program = neighbour.solver.program
     cycle = OptimalCycle.of(program, solution, values)
-    resimulation, flown, _ = certify.resimulation_check(cycle)
+    resimulation, flown, _ = certify.resimulation_check(cycle, "quick")
     limits = certify.limits_check(certify.limit_margins(cycle, flown))
     checks = (certify.solver_check(solution), certify.kkt_check(program, solution), limits, resimulation)
     found = replace(

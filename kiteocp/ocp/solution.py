@@ -106,7 +106,7 @@ def _judged(
 ) -> Optimum:
     """Read a solution and run all checks on it."""
     cycle = OptimalCycle.of(solver.program, solution, values)
-    resimulation, flown, facts = certify.resimulation_check(cycle)
+    resimulation, flown, facts = certify.resimulation_check(cycle, level)
     margins = certify.limit_margins(cycle, flown)
     checks = [
         certify.solver_check(solution),
