@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kiteocp.cli.calculation import failed_result, load, output_directory
 from kiteocp.cli.output import complain, say
 from kiteocp.cli.parser import add_calculation
-from kiteocp.errors import CycleError, SolveError
+from kiteocp.cli.progress import Progress, positive_integer
+from kiteocp.errors import CycleError, InputError, SolveError
 
 if TYPE_CHECKING:
+    from kiteocp.analysis.global_study import GlobalStudy
     from kiteocp.analysis.variation import Variation
     from kiteocp.problem import Problem
     from kiteocp.result import Result
@@ -36,6 +39,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="also re-solve along one key at N values, as tether.diameter_m=0.003:0.008:11",
     )
     parser.add_argument(
+        "--global",
+        dest="wide",
+        action="store_true",
+        help="also propagate the uncertainties of the file: distribution, Sobol indices, value of re-optimising",
+    )
+    parser.add_argument(
+        "--samples", type=positive_integer, metavar="N", help="optima that --global solves at most (default 2000)"
+    )
+    parser.add_argument(
+        "--jobs", type=positive_integer, metavar="N", help="processes of --global (default: one for each core)"
+    )
+    parser.add_argument(
         "--simulate",
         dest="forward",
         action="store_true",
@@ -45,13 +60,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Differentiate, vary where asked to, save, print and draw."""
+    for name in ("samples", "jobs"):
+        if getattr(arguments, name) is not None and not arguments.wide:
+            raise InputError(f"--{name} {getattr(arguments, name)}: only --global takes it; add --global")
     problem = load(arguments.problem, arguments.overrides)
     directory = output_directory(arguments.output, problem, NAME)
-    result, variation = _computed(problem, arguments)
+    result, *tables = _computed(problem, arguments)
     unflown = _differentiate_forward(problem, result) if arguments.forward else None
     written = result.save(directory)
-    if variation is not None:
-        written.append(variation.save(directory))
+    written += [table.save(directory) for table in tables if table is not None]
     say(json.dumps(result.summary(), indent=2, ensure_ascii=False) if arguments.json else _report(result))
     try:
         if arguments.plot and "sensitivities" in result.details:
@@ -69,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _computed(problem: Problem, arguments: argparse.Namespace) -> tuple[Result, Variation | None]:
+def _computed(problem: Problem, arguments: argparse.Namespace) -> tuple[Result, Variation | None, GlobalStudy | None]:
     # Imported once the problem is known to be good: a mistake in it is answered without waiting for CasADi.
     from kiteocp.analysis.sensitivity import sensitivities  # noqa: PLC0415
     from kiteocp.analysis.variation import parse_variation, varied_problems, vary  # noqa: PLC0415
@@ -77,15 +94,33 @@ def _computed(problem: Problem, arguments: argparse.Namespace) -> tuple[Result, 
     asked = None if arguments.vary is None else parse_variation(arguments.vary)
     if asked is not None:
         varied_problems(problem, *asked)
+    options = _global_options(problem, arguments) if arguments.wide else None
     try:
         result = sensitivities(problem, intervals=arguments.intervals)
     except SolveError as error:
-        return failed_result(NAME, problem, error), None
-    if asked is None:
-        return result, None
-    variation = vary(problem, *asked, around=result)
-    result.details["variation"] = variation.to_dict()
-    return result, variation
+        return failed_result(NAME, problem, error), None, None
+    variation = None if asked is None else vary(problem, *asked, around=result)
+    if variation is not None:
+        result.details["variation"] = variation.to_dict()
+    return result, variation, None if options is None else _global(problem, result, options)
+
+
+def _global_options(problem: Problem, arguments: argparse.Namespace) -> dict[str, int]:
+    """Return the numbers of samples and jobs, checked before anything is solved."""
+    from kiteocp.analysis.global_study import SAMPLES, base_samples  # noqa: PLC0415
+
+    options = {"samples": arguments.samples or SAMPLES, "jobs": arguments.jobs or os.cpu_count() or 1}
+    base_samples(problem, options["samples"])
+    return options
+
+
+def _global(problem: Problem, result: Result, options: dict[str, int]) -> GlobalStudy:
+    from kiteocp.analysis.global_study import global_sensitivity  # noqa: PLC0415
+
+    with Progress("optima solved") as progress:
+        study = global_sensitivity(problem, progress=progress, **options)
+    result.details["global"] = study.summary
+    return study
 
 
 def _differentiate_forward(problem: Problem, result: Result) -> str | None:
@@ -107,6 +142,10 @@ def _report(result: Result) -> str:
     parts = [format_sensitivities(result)]
     if "variation" in result.details:
         parts.append(format_variation(result))
+    if "global" in result.details:
+        from kiteocp.analysis.global_report import format_global  # noqa: PLC0415
+
+        parts.append(format_global(result.details["global"]))
     if result.details.get("forward_cycle"):
         parts.append(format_forward(result.details))
     return "\n\n".join(parts)
@@ -119,4 +158,8 @@ def _draw(result: Result, directory: Path, formats: tuple[str, ...] | list[str])
     written = plot_sensitivities(result, directory / "sensitivity", formats)
     if "variation" in result.details:
         written += plot_variation(result, directory / "variation", formats)
+    if "global" in result.details:
+        from kiteocp.plots.distribution import plot_distribution  # noqa: PLC0415
+
+        written += plot_distribution(result, directory / "global", formats)
     return written
