@@ -25,6 +25,9 @@ from kiteocp.problem.catalogue import catalogue
 #: The closed form of the kite at rest has no derivative at weight zero, but just beside it (m/s2).
 SMALL_GRAVITY_M_S2 = 1e-9
 
+#: Change of a quantity per change of a key, both relative, that is rounding of the arithmetic and no influence.
+ROUNDING = 1e-12
+
 
 @dataclass(frozen=True)
 class ForwardSensitivity:
@@ -97,14 +100,15 @@ def forward_sensitivity(problem: Problem, *, gravity: bool = True) -> ForwardSen
         column = keys.index("environment.gravity_m_s2")
         beside = values.replaced({"environment.gravity_m_s2": SMALL_GRAVITY_M_S2})
         jacobian[:, [column]] = cycle_and_tangent(beside, directions[:, [column]])[1]
+    sizes = np.where(values.vector == 0.0, 1.0, np.abs(values.vector))
+    jacobian[np.abs(jacobian * sizes) <= ROUNDING * np.abs(numbers)[:, None]] = 0.0
     known = {key.path: key.unit or "1" for key in catalogue().walk()}
     return ForwardSensitivity(
         keys=keys,
         values=values.vector,
         units=tuple(known[key.partition("[")[0]] for key in keys),
         quantities=dict(zip(QUANTITIES, numbers, strict=True)),
-        # Adding zero turns the -0.0 of what has no influence into 0.0.
-        jacobian=jacobian + 0.0,
+        jacobian=jacobian,
     )
 
 
