@@ -148,6 +148,11 @@ def format_global(summary: Mapping[str, Any]) -> str:
     spread, lines = summary["distribution"], ["global sensitivity of the optimal mean power:"]
     if summary["note"]:
         lines.append(f"  {summary['note']}")
+    if summary["nominal_message"]:
+        lines.append(
+            f"  warning: on the mesh of the file {summary['nominal_message']}; refine optimisation.mesh before "
+            "trusting the value of re-optimising"
+        )
     missing = {word: count for word, count in summary["sample_status"].items() if count and word != "solved"}
     lines.append(
         f"  {summary['sample_status']['solved']} of {summary['samples']} samples solved"

@@ -173,6 +173,8 @@ def global_sensitivity(
     summary = global_summary(problem, given, stated, found, bases, indices, at_nominal)
     summary |= {
         "nominal_mean_power_W": nominal.mean_power_W,
+        "nominal_status": nominal.certificate.status,
+        "nominal_message": nominal.certificate.message or None,
         "confidence": CONFIDENCE,
         "seed": seed,
         "jobs": jobs,

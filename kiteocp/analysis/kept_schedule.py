@@ -3,8 +3,9 @@
 Forces, power settings and rates of the optimum are functions of time. On other numbers the kite reels at another speed,
 so that the same times would end elsewhere and the cycle would not close. The comparison with a re-optimised cycle is
 made fair by what real winch controllers do: each phase is stretched in time, its schedule with it, until it ends where
-the nominal one does - the retraction and the traction at their tether length, the transition at its elevation. Every
-cycle compared is thus periodic and includes the same pauses; its tether forces are held within the limits as
+the nominal one does - the retraction and the traction at their tether length, the transition at its elevation. A mean
+course that steers the elevation in the traction is trimmed by a constant, so that the elevation ends where it did.
+Every cycle compared is thus periodic and includes the same pauses; its tether forces are held within the limits as
 `kiteocp.cycle.schedule` does, and where another limit is exceeded that is reported beside the power.
 """
 
@@ -31,6 +32,9 @@ END_TOLERANCE = 1e-6
 #: Secant steps to the stretch of a phase, and the stretches beyond which it counts as another manoeuvre.
 SECANT_STEPS = 20
 STRETCHES = (0.1, 10.0)
+
+#: Trim of the course that is tried first, and the largest that is no other manoeuvre.
+FIRST_TRIM_RAD, LARGEST_TRIM_RAD = 1e-3, 0.3
 
 #: Cycles flown until the elevation repeats; one is enough where the traction has a constant elevation.
 PASSES = 8
@@ -99,11 +103,43 @@ def _closed_cycle(nominal: OptimalCycle, values: ParameterValues) -> tuple[list[
         began = elevation
         place, pairs = (length, began), []
         for schedule in nominal.schedules:
-            pairs.append(_to_its_end(values, schedule, place, *ends[schedule.name]))
+            steered = "course" in schedule.coefficients
+            aimed = nominal.records[-1].elevation_rad[-1] if steered else None
+            pairs.append(_trimmed(values, schedule, place, ends[schedule.name], aimed))
             place = (float(pairs[-1][1].states[-1, 1]), float(pairs[-1][1].states[-1, 2]))
         elevation = place[1]
         if abs(np.degrees(elevation - began)) <= ELEVATION_TOLERANCE_DEG:
             return [pair[0] for pair in pairs], [pair[1] for pair in pairs]
+    raise _NotClosedError
+
+
+def _trimmed(
+    values: ParameterValues,
+    schedule: Schedule,
+    place: tuple[float, float],
+    end: tuple[int, float],
+    elevation_rad: float | None,
+) -> tuple[Schedule, FlownPhase]:
+    """Fly a phase to its end; trim its course, where it steers, until that is at an elevation (secant method)."""
+    pair = _to_its_end(values, schedule, place, *end)
+    if elevation_rad is None:
+        return pair
+    trim, known = FIRST_TRIM_RAD, (0.0, float(pair[1].states[-1, 2]) - elevation_rad)
+    for _ in range(SECANT_STEPS):
+        if abs(np.degrees(known[1])) <= 0.1 * ELEVATION_TOLERANCE_DEG:
+            return pair
+        courses = schedule.coefficients["course"].copy()
+        courses[:, 0] += trim
+        turned = replace(schedule, coefficients={**schedule.coefficients, "course": courses})
+        pair = _to_its_end(values, turned, place, *end)
+        miss = float(pair[1].states[-1, 2]) - elevation_rad
+        slope = (miss - known[1]) / (trim - known[0])
+        known = (trim, miss)
+        if slope == 0.0:
+            break
+        trim -= miss / slope
+        if not abs(trim) <= LARGEST_TRIM_RAD:
+            break
     raise _NotClosedError
 
 

@@ -15,7 +15,7 @@ from kiteocp import load_problem
 from kiteocp.analysis.global_report import format_global, global_summary
 from kiteocp.analysis.global_samples import Resolver, Sample, quantiles, uncertainties
 from kiteocp.analysis.global_study import GlobalStudy, base_samples, global_sensitivity, sobol_intervals
-from kiteocp.analysis.kept_schedule import KeptCycle
+from kiteocp.analysis.kept_schedule import KeptCycle, fly_kept
 from kiteocp.analysis.local_study import LocalStudy
 from kiteocp.cli.main import main
 from kiteocp.errors import InputError
@@ -151,6 +151,16 @@ def test_the_kept_schedule_on_its_own_numbers_is_the_optimum(name: str) -> None:
         assert sample.kept.mean_power_W < sample.mean_power_W * (1 + 1e-3)
 
 
+def test_a_course_that_steers_is_trimmed_so_that_the_cycle_closes() -> None:
+    resolver = resolver_of(load_problem("v3-kite", {"optimisation.traction_elevation": "course-coupled"}))
+    kept = fly_kept(resolver.cycle, parameter_values(resolver.problem), "mechanical")
+    assert kept.status == "flown"
+    assert kept.mean_power_W is not None
+    # On the coarse mesh of the file the course is only roughly resolved: trimmed, 96 % of the power remain. Untrimmed,
+    # the traction ends 11 deg too high and 88 % remain.
+    assert 0.93 < kept.mean_power_W / (-1e4 * resolver.nominal.f) < 1.0
+
+
 def test_distributions_stay_where_a_problem_file_may_go() -> None:
     entry = {"standard_deviation": 0.2}
     problem = load_problem("strong-wind", {"uncertainty.machine.generator_efficiency": entry})
@@ -186,6 +196,8 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     found = summary["global"]
     assert format_global(found) in out
     assert found["uncertainty_stated"] is True
+    assert (found["nominal_status"], found["nominal_message"]) == ("certified", None)
+    assert "refine optimisation.mesh" in format_global({**found, "nominal_message": "a check failed"})
     assert found["nominal_mean_power_W"] == pytest.approx(summary["optimal_mean_power_W"], rel=1e-6)
     assert sum(found["histogram"]["counts"]) == found["distribution"]["solved"] == 16
     with open(tmp_path / "global.csv", newline="") as stream:
