@@ -158,7 +158,7 @@ def validity_warnings(records: Sequence[PhaseRecord], values: ParameterValues) -
     profile = values.structure.choice("environment.wind.profile")
     highest = max(float(record.output("height").max()) for record in records)
     lowest = min(float(record.output("height").min()) for record in records)
-    if profile == "logarithmic" and round(highest) > LOGARITHMIC_LAW_HEIGHT_M:
+    if profile == "logarithmic" and highest > LOGARITHMIC_LAW_HEIGHT_M + 0.5:
         warnings.append(
             f"the kite flies up to {highest:.0f} m; the logarithmic wind profile is meant for heights up to "
             f"{LOGARITHMIC_LAW_HEIGHT_M:.0f} m"

@@ -14,7 +14,7 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
-from kiteocp.cycle.phases import FlownPhase
+from kiteocp.cycle.phases import PHASE_CHANGES, FlownPhase
 from kiteocp.cycle.schedule import outputs_on_schedule
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.errors import CycleError
@@ -40,6 +40,9 @@ MESH_TOLERANCE = 1e-4
 ENERGY_TOLERANCE = 1e-3
 LENGTH_TOLERANCE = 1e-3
 ELEVATION_TOLERANCE_DEG = 0.1
+
+#: Relative difference between the mean power that was maximised and that of the cycle; both are the same quadrature.
+OBJECTIVE_TOLERANCE = 1e-6
 
 #: Difference between the states of a solution at its mesh points and the closed form there, over their typical sizes.
 STATE_TOLERANCE = 1e-5
@@ -288,6 +291,16 @@ def resimulation_check(
         "state_gap": state_gap,
     }
     return Check("re-simulation", bool(passed), abs(energy_gap), tolerance, text), flown, facts
+
+
+def objective_check(objective_W: float, cycle: OptimalCycle) -> Check:
+    """Compare the mean power that the program maximised with that of its cycle, phase changes included."""
+    values = cycle.values
+    duration = sum(record.duration_s for record in cycle.records)
+    mean = cycle.energy_J / (duration + PHASE_CHANGES * values["limits.phase_change_time_s"])
+    gap = abs(objective_W - mean) / max(abs(mean), 1.0)
+    text = f"the program maximised {objective_W:.6g} W, its cycle has {mean:.6g} W"
+    return Check("objective", bool(gap <= OBJECTIVE_TOLERANCE), gap, OBJECTIVE_TOLERANCE, text)
 
 
 def _state_gap(cycle: OptimalCycle) -> float:

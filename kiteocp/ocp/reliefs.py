@@ -23,6 +23,9 @@ HEAVY = (1e2, 1e4)
 #: Farthest moves: upwards to ten times the number, downwards short of zero.
 CAP_UP, CAP_DOWN = 9.0, 0.99
 
+#: Farthest move of the wind speed upwards: from a calm it is a long way.
+WIND_CAP_UP = 99.0
+
 
 @lru_cache(maxsize=16)
 def elastic_program(structure: Structure, formulation: Formulation) -> ElasticProgram:
@@ -53,7 +56,7 @@ def price_of(relief: Relief, values: ParameterValues, weight: float) -> Price:
     numbers = values.vector[list(relief.parameters)]
     if relief.name in (WIND_UP, WIND_DOWN):
         up = relief.name == WIND_UP
-        return Price(numbers if up else -numbers, CAP_UP if up else CAP_DOWN, weight)
+        return Price(numbers if up else -numbers, WIND_CAP_UP if up else CAP_DOWN, weight)
     number = float(numbers[0])
     return Price(loosening(relief.name) * unit_of(number), farthest(relief.name, number), weight)
 

@@ -18,7 +18,7 @@ from kiteocp.problem import Problem
 
 #: Times that the full certificate halves the mesh at most, and the collocation points that it goes up to.
 REFINEMENTS = 4
-MOST_POINTS = 450
+MOST_POINTS = 500
 
 
 @dataclass(frozen=True)
@@ -114,6 +114,9 @@ def _judged(
         certify.limits_check(margins),
         resimulation,
     ]
+    if problem.optimisation.objective == "mechanical":
+        # Behind generator and motor the objective is another power than the cycle's.
+        checks.insert(2, certify.objective_check(-solution.f * SCALES["power"], cycle))
     if level == "full":
         checks.append(certify.mesh_check(powers, meshes))
     checks.append(certify.starts_check([attempt.mean_power_W for attempt in attempts]))

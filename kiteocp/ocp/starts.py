@@ -35,10 +35,12 @@ class Start:
     durations_s: tuple[float, float, float]
 
 
-#: Long strokes and short cycles are the two kinds of local optima that were seen; one start near each.
+#: Long strokes, short cycles, and long tractions after a steep transition are the kinds of local optima that were seen;
+#: one start near each.
 STARTS = (
     Start("long stroke", 27.0, 70.0, 1.0, (45.0, 8.0, 45.0)),
     Start("short cycle", 22.0, 40.0, 0.2, (15.0, 4.0, 20.0)),
+    Start("steep transition", 27.0, 80.0, 1.0, (45.0, 12.0, 90.0)),
 )
 
 #: How many random starts are tried where none of the others led to a cycle, and the seed that makes them repeatable.

@@ -78,9 +78,7 @@ def family() -> dict[str, Member]:
 
 
 #: A long stroke and a short one (1940 W) are both local optima here.
-BISTABLE = pytest.param(
-    "moderate-wind 8.0 m/s", 1952.95, marks=pytest.mark.xfail(reason="all starts lead to the short stroke", strict=True)
-)
+BISTABLE = ("moderate-wind 8.0 m/s", 1952.95)
 
 
 @pytest.mark.parametrize(("name", "power_W"), [*FEASIBLE.items(), *EDGE.items(), BISTABLE])
