@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from kiteocp import errors as errors
+    from kiteocp.analysis.sensitivity import sensitivities as sensitivities
     from kiteocp.analysis.winch import export_schedule as export_schedule
     from kiteocp.cycle import simulate as simulate
     from kiteocp.cycle.batch import BatchResult as BatchResult
@@ -47,6 +48,7 @@ _HOMES: dict[str, str] = {
     "load_problem": "kiteocp.problem",
     "load_result": "kiteocp.result",
     "shipped_problems": "kiteocp.problem",
+    "sensitivities": "kiteocp.analysis.sensitivity",
     "simulate": "kiteocp.cycle",
     "simulate_batch": "kiteocp.cycle.batch",
     "solve": "kiteocp.ocp",
@@ -67,6 +69,7 @@ __all__ = [
     "flight_state",
     "load_problem",
     "load_result",
+    "sensitivities",
     "shipped_problems",
     "simulate",
     "simulate_batch",

@@ -110,3 +110,10 @@ def test_no_cycle_is_an_answer(capsys: pytest.CaptureFixture[str]) -> None:
     assert "infeasible" in out
     assert "no cycle found" in err
     assert json.loads(Path("results/strong-wind/sensitivity/summary.json").read_text())["status"] == "infeasible"
+
+
+def test_plot_draws_a_saved_study_again(tmp_path: Path) -> None:
+    first = tmp_path / "first"
+    assert main(["sensitivity", "v3-kite", "--no-intervals", "--no-plot", "-o", str(first)]) == 0
+    assert main(["plot", str(first), "--format", "svg"]) == 0
+    assert (first / "sensitivity.svg").stat().st_size > 10_000

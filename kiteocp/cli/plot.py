@@ -24,9 +24,16 @@ def run(arguments: argparse.Namespace) -> int:
     from kiteocp.result import load_result  # noqa: PLC0415  (keeps --help fast)
 
     result = load_result(arguments.directory)
-    from kiteocp.plots import plot_result  # noqa: PLC0415  (matplotlib only once there is something to draw)
-
     output = Path(arguments.output if arguments.output is not None else arguments.directory)
-    written = plot_result(result, output / "cycle", arguments.formats or ("png",))
+    formats = arguments.formats or ("png",)
+    # matplotlib only once there is something to draw.
+    if "sensitivities" in result.details:
+        from kiteocp.plots.study import plot_study  # noqa: PLC0415
+
+        written = plot_study(result, output, formats)
+    else:
+        from kiteocp.plots import plot_result  # noqa: PLC0415
+
+        written = plot_result(result, output / "cycle", formats)
     say("written: " + ", ".join(str(path) for path in written))
     return 0

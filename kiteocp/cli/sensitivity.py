@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kiteocp.cli.calculation import failed_result, load, output_directory
@@ -72,7 +71,9 @@ def run(arguments: argparse.Namespace) -> int:
     say(json.dumps(result.summary(), indent=2, ensure_ascii=False) if arguments.json else _report(result))
     try:
         if arguments.plot and "sensitivities" in result.details:
-            written += _draw(result, directory, arguments.formats or ("png",))
+            from kiteocp.plots.study import plot_study  # noqa: PLC0415  (matplotlib only where a picture is wanted)
+
+            written += plot_study(result, directory, arguments.formats or ("png",))
     finally:
         if not arguments.json:
             say("written: " + ", ".join(str(path) for path in written))
@@ -149,17 +150,3 @@ def _report(result: Result) -> str:
     if result.details.get("forward_cycle"):
         parts.append(format_forward(result.details))
     return "\n\n".join(parts)
-
-
-def _draw(result: Result, directory: Path, formats: tuple[str, ...] | list[str]) -> list[Path]:
-    # matplotlib only where a picture is wanted.
-    from kiteocp.plots.sensitivity import plot_sensitivities, plot_variation  # noqa: PLC0415
-
-    written = plot_sensitivities(result, directory / "sensitivity", formats)
-    if "variation" in result.details:
-        written += plot_variation(result, directory / "variation", formats)
-    if "global" in result.details:
-        from kiteocp.plots.distribution import plot_distribution  # noqa: PLC0415
-
-        written += plot_distribution(result, directory / "global", formats)
-    return written
