@@ -230,7 +230,7 @@ def test_schema_is_json(capsys):
         (["--versoin"], ["did you mean '--version'?"]),
         (["solve", "strong-wind", "moderate-wind"], ["unexpected argument 'moderate-wind'"]),
         (["solve", "strong-wind", "--set"], ["--set"]),
-        (["solve", "strong-wind", "--set", "kite.mas_kg=3"], ["kite.mas_kg", "did you mean mass_kg"]),
+        (["solve", "strong-wind", "--set", "kite.mas_kg=3"], ["kite.mas_kg", "did you mean kite.mass_kg"]),
         (["solve", "strong-wind", "--set", "kite.mass_kg"], ["kite.mass_kg"]),
         (["solve", "strong-wnd"], ["strong-wind"]),
         (["solve", "strong-wind", "--format", "jpg"], ["no picture format 'jpg'", "did you mean 'png'?"]),

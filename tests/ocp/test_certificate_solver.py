@@ -50,7 +50,7 @@ def test_shipped_problems_are_certified(name: str, level: certify.Level) -> None
     assert optimum.certificate.status == "certified", optimum.certificate.message
     assert optimum.certificate.message == ""
     names = {check.name for check in optimum.certificate.checks}
-    expected = {"solver", "optimality", "limits", "re-simulation", "starts", "speed jumps"}
+    expected = {"solver", "optimality", "objective", "limits", "re-simulation", "starts", "speed jumps"}
     assert names == (expected | {"mesh"} if level == "full" else expected)
 
 
