@@ -1,0 +1,114 @@
+"""A flight as measured: positions, velocities, forces and wind in the conventions of the model."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+#: Phases in the order of a cycle. "turn" is the way from reel-out to reel-in; the model has no phase for it.
+FLIGHT_PHASES = ("retraction", "transition", "traction", "turn")
+
+
+@dataclass(frozen=True, eq=False)
+class FlightData:
+    """Samples of a flight, in order of time; every array has the same length n, nan stands for a missing value.
+
+    Attributes
+    ----------
+    time_s : float array
+        From the start of the recording.
+    cycle : int array
+        Number of the pumping cycle; -1 where the sample belongs to none.
+    phase : str array
+        One of `FLIGHT_PHASES`, or empty.
+    distance_m : float array
+        Straight distance from the ground station to the kite.
+    tether_length_m : float array
+        Length reeled out; may be missing throughout.
+    elevation_deg, azimuth_deg : float array
+        Position of the kite in the wind reference frame (azimuth: the model's phi).
+    height_m : float array
+        Above the ground station.
+    course_deg : float array
+        0 straight down, 90 towards +phi, 180 straight up.
+    radial_speed_m_s, polar_speed_m_s, azimuthal_speed_m_s : float array
+        Velocity of the kite: outwards, towards +theta (downwards), towards +phi.
+    reeling_speed_m_s : float array
+        Of the tether at the ground, positive reeling out.
+    tether_force_ground_N : float array
+        At the ground station.
+    ground_wind_speed_m_s, ground_wind_direction_deg : float array
+        Measured at the ground; the direction the wind comes from, clockwise from north.
+    apparent_wind_speed_m_s : float array
+        Measured at the kite; may be missing throughout.
+    angle_of_attack_deg : float array
+        Measured at the kite; may be missing throughout.
+    power_setting : float array
+        0 depowered to 1 powered; may be missing throughout.
+    name : str
+        What the flight is called in tables and pictures.
+    downwind_bearing_deg : float
+        Bearing of phi = 0, clockwise from north.
+    counts : mapping of str to int
+        Samples (or single values) rejected or repaired in reading, by reason.
+    """
+
+    time_s: NDArray[np.float64]
+    cycle: NDArray[np.int64]
+    phase: NDArray[np.str_]
+    distance_m: NDArray[np.float64]
+    tether_length_m: NDArray[np.float64]
+    elevation_deg: NDArray[np.float64]
+    azimuth_deg: NDArray[np.float64]
+    height_m: NDArray[np.float64]
+    course_deg: NDArray[np.float64]
+    radial_speed_m_s: NDArray[np.float64]
+    polar_speed_m_s: NDArray[np.float64]
+    azimuthal_speed_m_s: NDArray[np.float64]
+    reeling_speed_m_s: NDArray[np.float64]
+    tether_force_ground_N: NDArray[np.float64]
+    ground_wind_speed_m_s: NDArray[np.float64]
+    ground_wind_direction_deg: NDArray[np.float64]
+    apparent_wind_speed_m_s: NDArray[np.float64]
+    angle_of_attack_deg: NDArray[np.float64]
+    power_setting: NDArray[np.float64]
+    name: str = "flight"
+    downwind_bearing_deg: float = 0.0
+    counts: Mapping[str, int] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        lengths = {name: np.shape(values) for name, values in self.arrays().items()}
+        if len(set(lengths.values())) != 1 or len(next(iter(lengths.values()))) != 1:
+            raise ValueError(f"the arrays of a flight need one common length, not {lengths}")
+
+    def __len__(self) -> int:
+        """Return the number of samples."""
+        return len(self.time_s)
+
+    def arrays(self) -> dict[str, NDArray[Any]]:
+        """Return every array by its name, in the order of declaration."""
+        return {item.name: getattr(self, item.name) for item in fields(self) if item.name not in _SCALARS}
+
+    def cycles(self) -> tuple[int, ...]:
+        """Return the numbers of the cycles, in ascending order, without the samples that belong to none."""
+        return tuple(int(number) for number in np.unique(self.cycle) if number >= 0)
+
+    def select(self, cycles: Collection[int] | None = None, phase: str | Collection[str] | None = None) -> FlightData:
+        """Return the samples of the given cycles and phase (or phases), in order; None means all."""
+        keep = np.ones(len(self), dtype=bool)
+        if cycles is not None:
+            keep &= np.isin(self.cycle, list(cycles))
+        if phase is not None:
+            keep &= np.isin(self.phase, [phase] if isinstance(phase, str) else list(phase))
+        return self.where(keep)
+
+    def where(self, keep: NDArray[np.bool_]) -> FlightData:
+        """Return the samples that a mask (n,) keeps."""
+        return replace(self, **{name: values[keep] for name, values in self.arrays().items()})
+
+
+_SCALARS = ("name", "downwind_bearing_deg", "counts")
