@@ -1,0 +1,1 @@
+"""Validation against the paper's results section: tables, convergence, isolines of mass, report."""
