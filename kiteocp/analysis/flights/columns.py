@@ -38,21 +38,21 @@ class _Block(Struct, frozen=True, forbid_unknown_fields=True):
     """Common settings of all blocks."""
 
 
-class Angle(_Block):
+class Angle(_Block, frozen=True):
     """An angle that means the same everywhere (elevation, angle of attack)."""
 
     column: str
     unit: AngleUnit
 
 
-class Length(_Block):
+class Length(_Block, frozen=True):
     """A length."""
 
     column: str
     unit: LengthUnit
 
 
-class Speed(_Block):
+class Speed(_Block, frozen=True):
     """A speed; ``sign`` -1 where the recording counts it the other way round."""
 
     column: str
@@ -60,34 +60,34 @@ class Speed(_Block):
     sign: Literal[1, -1] = 1
 
 
-class Force(_Block):
+class Force(_Block, frozen=True):
     """A force."""
 
     column: str
     unit: ForceUnit
 
 
-class Time(_Block):
+class Time(_Block, frozen=True):
     """Time, from any origin."""
 
     column: str
     unit: TimeUnit
 
 
-class Number(_Block):
+class Number(_Block, frozen=True):
     """A column of whole numbers."""
 
     column: str
 
 
-class Phase(_Block):
+class Phase(_Block, frozen=True):
     """The phase of the cycle, by labels: each label to retraction, transition, traction or turn."""
 
     column: str
     labels: dict[str, Literal["retraction", "transition", "traction", "turn"]]
 
 
-class Azimuth(_Block):
+class Azimuth(_Block, frozen=True):
     """Azimuth of the kite: bearing from a zero, in a sense as seen from above.
 
     ``zero_bearing_deg`` is the bearing of its zero, clockwise from north; where the position is Cartesian it may be
@@ -100,7 +100,7 @@ class Azimuth(_Block):
     zero_bearing_deg: float | None = None
 
 
-class Course(_Block):
+class Course(_Block, frozen=True):
     """Course of the kite in the tangential plane, in a sense as seen from the ground station."""
 
     column: str
@@ -109,7 +109,7 @@ class Course(_Block):
     sense: Literal["clockwise", "counter-clockwise"]
 
 
-class WindDirection(_Block):
+class WindDirection(_Block, frozen=True):
     """Direction of the wind, clockwise from north: where it comes from, or where it blows to."""
 
     column: str
@@ -117,7 +117,7 @@ class WindDirection(_Block):
     of: Literal["from", "to"]
 
 
-class PowerSetting(_Block):
+class PowerSetting(_Block, frozen=True):
     """A depower or power signal, with its own values where the kite is fully powered and fully depowered."""
 
     column: str
@@ -125,7 +125,7 @@ class PowerSetting(_Block):
     depowered: float
 
 
-class CartesianPosition(_Block, tag_field="frame", tag="cartesian"):
+class CartesianPosition(_Block, frozen=True, tag_field="frame", tag="cartesian"):
     """Position from the ground station, towards east, north and up."""
 
     east: Length
@@ -134,7 +134,7 @@ class CartesianPosition(_Block, tag_field="frame", tag="cartesian"):
     azimuth: Azimuth | None = None
 
 
-class SphericalPosition(_Block, tag_field="frame", tag="spherical"):
+class SphericalPosition(_Block, frozen=True, tag_field="frame", tag="spherical"):
     """Position by straight distance, elevation and azimuth."""
 
     distance: Length
@@ -142,7 +142,7 @@ class SphericalPosition(_Block, tag_field="frame", tag="spherical"):
     azimuth: Azimuth
 
 
-class Velocity(_Block):
+class Velocity(_Block, frozen=True):
     """Velocity of the kite in three columns: north, east, down; east, north, up; or radial, polar, azimuthal.
 
     Polar is downwards (towards the ground), azimuthal counter-clockwise as seen from above.
@@ -153,7 +153,7 @@ class Velocity(_Block):
     unit: SpeedUnit
 
 
-class ColumnMap(_Block, kw_only=True):
+class ColumnMap(_Block, frozen=True, kw_only=True):
     """The layout of a recording.
 
     ``downwind_bearing_deg`` fixes the bearing of the model's zero azimuth; where it is left out it is that of the

@@ -108,7 +108,8 @@ class FlightData:
 
     def where(self, keep: NDArray[np.bool_]) -> FlightData:
         """Return the samples that a mask (n,) keeps."""
-        return replace(self, **{name: values[keep] for name, values in self.arrays().items()})
+        kept: dict[str, Any] = {name: values[keep] for name, values in self.arrays().items()}
+        return replace(self, **kept)
 
 
 _SCALARS = ("name", "downwind_bearing_deg", "counts")
