@@ -38,7 +38,7 @@ def central_difference(study: LocalStudy, key: str) -> float:
     column = study.keys.index(key)
     value = study.sharp.p[column]
     room = [abs(study.reach(column, sign * 0.05 * abs(value)).step) for sign in (-1.0, 1.0)]
-    step = min(2e-3 * abs(value), 0.5 * min(room))
+    step = min(1e-3 * abs(value), 0.5 * min(room))
     assert step > 0.0
     ends = [resolved_power(study, key, value + sign * step) for sign in (1.0, -1.0)]
     return (ends[0] - ends[1]) / (2 * step)
@@ -48,8 +48,8 @@ def assert_derivatives_match(study: LocalStudy, keys: list[str]) -> None:
     for key in keys:
         derivative = study.gradient[study.keys.index(key)]
         value = study.sharp.p[study.keys.index(key)]
-        # 1e-4 of itself; powers are re-solved to some 1e-6 W, which a derivative by 0.2 % of a value turns into this.
-        noise = 1e-5 / (2e-3 * abs(value))
+        # 1e-4 of itself; powers are re-solved to some 1e-6 W, which a derivative by 0.1 % of a value turns into this.
+        noise = 1e-5 / (1e-3 * abs(value))
         assert central_difference(study, key) == pytest.approx(derivative, rel=1e-4, abs=noise), key
 
 
