@@ -1,0 +1,127 @@
+"""Fly a figure of eight or a circle in the traction phase, and compare it with the representative state."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from typing import TYPE_CHECKING
+
+from kiteocp.cli.calculation import failed_result, load, output_directory
+from kiteocp.cli.output import complain, say
+from kiteocp.cli.parser import add_calculation, positive_number
+from kiteocp.errors import InputError, NoEquilibriumError
+
+if TYPE_CHECKING:
+    from kiteocp.problem import Problem
+    from kiteocp.result import Result
+
+NAME = "crosswind"
+HELP = "resolve the crosswind manoeuvres of the traction, and find its representative course"
+
+#: As `kiteocp.analysis.crosswind_path.PATHS`, which cannot be imported for the help without loading NumPy.
+_PATHS = ("eight-up", "eight-down", "circle")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the problem and the figure."""
+    add_calculation(parser)
+    parser.add_argument(
+        "--path",
+        choices=_PATHS,
+        default="eight-down",
+        help="figure of eight with up-loops (up at its sides) or down-loops (the default), or a circle",
+    )
+    parser.add_argument(
+        "--azimuth-amplitude-deg",
+        type=positive_number,
+        metavar="DEG",
+        help="half the width of an eight (default: averaged cosines are those of the problem's traction place)",
+    )
+    parser.add_argument(
+        "--elevation-amplitude-deg",
+        type=positive_number,
+        metavar="DEG",
+        help="half the height of an eight (default 0.3 of its half width), or the angular radius of a circle",
+    )
+    parser.add_argument(
+        "--centre-elevation-deg",
+        type=positive_number,
+        metavar="DEG",
+        help="elevation of the centre (default as for the azimuth amplitude)",
+    )
+    parser.add_argument(
+        "--tether-length-m",
+        type=positive_number,
+        metavar="M",
+        help="tether length (default: the mean of shortest and longest)",
+    )
+    parser.add_argument(
+        "--reeling-speed-m-s",
+        type=_number,
+        metavar="M/S",
+        help="hold this reeling speed, positive reels out (default: hold the traction force of the problem)",
+    )
+    parser.add_argument(
+        "--no-gravity", dest="gravity", action="store_false", help="leave out the weight of kite and tether"
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Fly, compare, save, print and draw."""
+    circle = arguments.path == "circle"
+    if circle and arguments.azimuth_amplitude_deg is not None:
+        raise InputError("--azimuth-amplitude-deg: a circle has one size; give --elevation-amplitude-deg, its radius")
+    problem = load(arguments.problem, arguments.overrides)
+    directory = output_directory(arguments.output, problem, NAME)
+    result = _computed(problem, arguments)
+    written = result.save(directory)
+    if arguments.json:
+        say(json.dumps(result.summary(), indent=2, ensure_ascii=False))
+    else:
+        from kiteocp.analysis.crosswind_report import format_crosswind  # noqa: PLC0415
+
+        say(format_crosswind(result))
+    try:
+        if arguments.plot and result.channels:
+            from kiteocp.plots.crosswind import plot_crosswind  # noqa: PLC0415  (matplotlib only for a picture)
+
+            written += plot_crosswind(result, directory / "crosswind", arguments.formats or ("png",))
+    finally:
+        if not arguments.json:
+            say("written: " + ", ".join(str(path) for path in written))
+    if not result.succeeded:
+        complain(f"{problem.name}: {result.status}: {result.details['message']}; what was reached is in {directory}")
+        return 1
+    return 0
+
+
+def _computed(problem: Problem, arguments: argparse.Namespace) -> Result:
+    # Imported once the problem is known to be good: a mistake in it is answered without waiting for CasADi.
+    from kiteocp.analysis.crosswind import crosswind  # noqa: PLC0415
+
+    circle = arguments.path == "circle"
+    try:
+        return crosswind(
+            problem,
+            arguments.path,
+            centre_elevation_deg=arguments.centre_elevation_deg,
+            amplitude_deg=arguments.elevation_amplitude_deg if circle else arguments.azimuth_amplitude_deg,
+            elevation_amplitude_deg=None if circle else arguments.elevation_amplitude_deg,
+            tether_length_m=arguments.tether_length_m,
+            reeling_speed_m_s=arguments.reeling_speed_m_s,
+            gravity=arguments.gravity,
+        )
+    except NoEquilibriumError as error:
+        return failed_result(NAME, problem, error)
+
+
+def _number(text: str) -> float:
+    """Return a finite number; for ``type=``."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"'{text}' is not a number")
+    return value
