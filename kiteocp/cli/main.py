@@ -7,14 +7,15 @@ import sys
 from collections.abc import Sequence
 from types import ModuleType
 
-from kiteocp.cli import check, crosswind, list_problems, new, plot, schema, sensitivity, simulate, solve
+from kiteocp.cli import check, crosswind, list_problems, new, plot, schema, sensitivity, simulate, solve, validate
 from kiteocp.cli.output import complain, prepare_streams, say
 from kiteocp.cli.parser import Parser, nearest
 from kiteocp.errors import InputError, KiteocpError
 
 #: The verbs, in the order of the help: one module each.
 VERBS: dict[str, ModuleType] = {
-    module.NAME: module for module in (list_problems, new, check, schema, simulate, solve, sensitivity, crosswind, plot)
+    module.NAME: module
+    for module in (list_problems, new, check, schema, simulate, solve, sensitivity, crosswind, validate, plot)
 }
 
 EXIT_FAILED = 1

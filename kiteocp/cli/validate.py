@@ -1,0 +1,131 @@
+"""Reproduce the results section of the paper beside its published simulation and experiment, and say how well."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kiteocp.cli.output import say
+from kiteocp.cli.parser import PICTURE_FORMATS, picture_format
+from kiteocp.cli.progress import Progress
+
+if TYPE_CHECKING:
+    from kiteocp.analysis.validation.paper import PaperValidation
+    from kiteocp.analysis.validation.report import Picture
+
+NAME = "validate"
+HELP = "reproduce the paper's results beside its tables and experiment"
+
+#: Files that a validation writes beside its pictures.
+SUMMARY, REPORT = "summary.json", "report.html"
+#: The pictures, named here so that those of an earlier run can be removed without loading what draws them.
+STEMS = (
+    "side_view",
+    "angular_coordinates",
+    "tether_length",
+    "reeling_speed",
+    "flight_speed",
+    "wind_speed",
+    "tether_force",
+    "power",
+    "convergence",
+    "mass_isolines",
+)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add where to write and what to draw."""
+    parser.add_argument("-o", "--output", metavar="DIR", help="where to write (default results/validation)")
+    parser.add_argument(
+        "--no-plot", dest="plot", action="store_false", help="write no pictures, and none in the report"
+    )
+    parser.add_argument(
+        "--format",
+        dest="formats",
+        action="append",
+        type=picture_format,
+        metavar="FORMAT",
+        help=f"format of the pictures: {', '.join(PICTURE_FORMATS)} (repeatable; default all of them)",
+    )
+    parser.add_argument("--json", action="store_true", help="print the summary as JSON instead of the tables")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Validate against the paper."""
+    return _validate_paper(arguments)
+
+
+def _validate_paper(arguments: argparse.Namespace) -> int:
+    """Compute, save, print and draw the paper's results section, and write the report."""
+    from kiteocp.analysis.validation.paper import validate_paper  # noqa: PLC0415  (keeps --help fast)
+    from kiteocp.analysis.validation.report import report_html  # noqa: PLC0415
+    from kiteocp.analysis.validation.text import format_validation  # noqa: PLC0415
+    from kiteocp.result import write_atomically  # noqa: PLC0415
+
+    directory = Path(arguments.output) if arguments.output is not None else Path("results") / "validation"
+    with Progress("parts of the validation done") as progress:
+        study = validate_paper(progress)
+    # The numbers first: a picture that cannot be drawn must not cost them.
+    summary = json.dumps(study.summary(), indent=2, ensure_ascii=False, allow_nan=False)
+    write_atomically({directory / SUMMARY: (summary + "\n").encode()})
+    written = [directory / SUMMARY]
+    _remove_earlier(directory)
+    say(summary if arguments.json else format_validation(study))
+    try:
+        pictures: list[Picture] = []
+        if arguments.plot:
+            pictures = _draw(study, directory, arguments.formats or PICTURE_FORMATS, written)
+        write_atomically({directory / REPORT: report_html(study, pictures).encode()})
+        written.insert(1, directory / REPORT)
+    finally:
+        if not arguments.json:
+            say(_written(written))
+    return 0
+
+
+def _draw(
+    study: PaperValidation, directory: Path, formats: tuple[str, ...] | list[str], written: list[Path]
+) -> list[Picture]:
+    """Draw and save every figure, add the files to ``written``, and return the figures for the report."""
+    from kiteocp.analysis.validation.report import Picture  # noqa: PLC0415
+    from kiteocp.plots.style import save_figure  # noqa: PLC0415  (matplotlib only where a picture is wanted)
+    from kiteocp.plots.validation import CAPTIONS, figures  # noqa: PLC0415
+
+    pictures = []
+    for stem, figure in figures(study.cycles(), study.convergence, study.isolines).items():
+        paths = save_figure(figure, directory / stem, formats)
+        written += paths
+        by_suffix = {path.suffix: path for path in paths}
+        # A drawing of lines where there is one, else the pixels; a report cannot show a PDF.
+        suffix = next((suffix for suffix in (".svg", ".png") if suffix in by_suffix), None)
+        if suffix is None:
+            stream, suffix = io.BytesIO(), ".svg"
+            figure.savefig(stream, format="svg", metadata={"Date": None})
+            content = stream.getvalue()
+        else:
+            content = by_suffix[suffix].read_bytes()
+        pictures.append(Picture(stem, CAPTIONS[stem], {".svg": "image/svg+xml", ".png": "image/png"}[suffix], content))
+    return pictures
+
+
+def _written(paths: list[Path]) -> str:
+    """Return what was written: the pictures counted, there being dozens."""
+    pictures = [path for path in paths if path.suffix.removeprefix(".") in PICTURE_FORMATS]
+    text = "\nwritten: " + ", ".join(str(path) for path in paths if path not in pictures)
+    if not pictures:
+        return text
+    suffixes = ", ".join(dict.fromkeys(path.suffix.removeprefix(".") for path in pictures))
+    stems = {path.stem for path in pictures}
+    return f"{text} (with all sentences and tables), and {len(stems)} pictures beside them as {suffixes}"
+
+
+def _remove_earlier(directory: Path) -> None:
+    """Remove report and pictures of an earlier run: beside a new summary they would be taken for part of it."""
+    stale = [directory / REPORT, *(directory / f"{stem}.{suffix}" for stem in STEMS for suffix in PICTURE_FORMATS)]
+    for path in stale:
+        with contextlib.suppress(OSError):
+            path.unlink(missing_ok=True)
