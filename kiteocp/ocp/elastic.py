@@ -160,7 +160,12 @@ class ElasticProgram:
         self._effect = ca.Function("effect", [elastic.x, parameters], [ca.jacobian(rows, slacks)])
 
     def solve(
-        self, x0: ArrayLike, p: ArrayLike, prices: Mapping[str, Price], objective_share: float = 0.0
+        self,
+        x0: ArrayLike,
+        p: ArrayLike,
+        prices: Mapping[str, Price],
+        objective_share: float = 0.0,
+        slacks: Mapping[str, float] | None = None,
     ) -> ElasticSolution:
         """Find the cheapest move from one start.
 
@@ -175,6 +180,8 @@ class ElasticProgram:
         objective_share
             Share of the program's own objective. With 1 and large weights this is the program itself by an exact
             penalty method, which finds optima of feasible sets that are too thin for an interior point method.
+        slacks
+            Where the slacks start; those not named start at `SLACK_START`.
 
         Returns
         -------
@@ -187,7 +194,8 @@ class ElasticProgram:
         caps = np.array([price.cap for price in chosen])
         weights = np.array([price.weight for price in chosen])
         parameters = np.concatenate([np.asarray(p, dtype=float), *amounts, weights, caps, [objective_share]])
-        start = np.concatenate([np.asarray(x0, dtype=float), np.minimum(SLACK_START, 0.5 * caps)])
+        wanted = np.array([(slacks or {}).get(relief.name, SLACK_START) for relief in self.reliefs])
+        start = np.concatenate([np.asarray(x0, dtype=float), np.minimum(wanted, 0.5 * caps)])
         solution = self.solver.solve(start, parameters)
         split = len(self.program.variables)
         slacks = solution.x[split:]

@@ -7,7 +7,7 @@ one. The wind speed may move as well, at a large weight, so that the program alw
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -33,6 +33,9 @@ NOTHING = 1e-4
 
 #: Starts that must agree on the joint optimum, and how many are drawn to get them.
 STARTS_WANTED, STARTS_TRIED = 5, 8
+
+#: Factors of the wind at which a cycle is looked for where there is none to begin with.
+WIND_FACTORS = (2.0, 4.0, 8.0, 16.0, 32.0)
 
 #: A limit that saves less has no part in the conflict.
 NO_PART = 1e-3
@@ -117,8 +120,13 @@ class _Search:
     def joint(self) -> _Repair | None:
         """Relax all limits together, from several starts, and keep the cheapest."""
         found: list[_Repair] = []
+        calm = False
         for start in [*STARTS, *rescue_starts()][:STARTS_TRIED]:
-            repair = self.repair(self.limits, self.packed(start))
+            repair = None if calm else self.repair(self.limits, self.packed(start))
+            if repair is None and (calm or not found):
+                # In a calm the crude starts are too far from any cycle; one that flies in more wind is nearer.
+                repair = self.from_more_wind(start)
+                calm = calm or repair is not None
             if repair is not None:
                 found.append(repair)
             if len(found) == STARTS_WANTED or (found and sum(found[-1].found.slacks.values()) < NOTHING):
@@ -126,7 +134,24 @@ class _Search:
         self.starts = len(found)
         return min(found, key=lambda r: (not r.complete, sum(r.found.slacks.values())), default=None)
 
-    def repair(self, allowed: Collection[str], x0: FloatArray, weights: Sequence[float] = HEAVY) -> _Repair | None:
+    def from_more_wind(self, start: Start) -> _Repair | None:
+        """Relax all limits together from a cycle in as many times the wind as one needs; None where none is found."""
+        prices = {relief.name: price_of(relief, self.values, 1.0) for relief in self.elastic.reliefs}
+        for factor in WIND_FACTORS:
+            windy = self.values.replaced({key: factor * self.values[key] for key in wind_keys(self.values.structure)})
+            found = self.elastic.solve(self.packed(start), windy.vector, prices)
+            if found.success:
+                more = factor * (1 + found.slacks.get(WIND_UP, 0.0)) - 1
+                return self.repair(self.limits, found.x, slacks={**found.slacks, WIND_UP: more})
+        return None
+
+    def repair(
+        self,
+        allowed: Collection[str],
+        x0: FloatArray,
+        weights: Sequence[float] = HEAVY,
+        slacks: Mapping[str, float] | None = None,
+    ) -> _Repair | None:
         """Relax some reliefs as little as possible, the others only if these do not suffice; None if IPOPT failed."""
         repair = None
         for heavy in weights:
@@ -134,20 +159,22 @@ class _Search:
                 relief.name: price_of(relief, self.values, 1.0 if relief.name in allowed else heavy)
                 for relief in self.elastic.reliefs
             }
-            found = self.elastic.solve(x0, self.values.vector, prices)
+            found = self.elastic.solve(x0, self.values.vector, prices, slacks=slacks)
             if found.success:
                 rest = sum(slack for name, slack in found.slacks.items() if name not in allowed)
                 repair = _Repair(found, rest < NOTHING)
                 if repair.complete:
                     break
-                x0 = found.x
+                x0, slacks = found.x, found.slacks
         return repair
 
     def suffices(
         self, allowed: Collection[str], near: ElasticSolution, *, thorough: bool = True
     ) -> ElasticSolution | None:
         """Relaxation of these reliefs that makes a cycle possible, sought near another and, thoroughly, from afar."""
-        repair = self.repair(allowed, near.x, HEAVY[1:])
+        # Far from the default start of the slacks only the wind can be, in a calm: keep to it.
+        slacks = near.slacks if near.slacks.get(WIND_UP, 0.0) > 1.0 else None
+        repair = self.repair(allowed, near.x, HEAVY[1:], slacks)
         if thorough and not (repair is not None and repair.complete):
             repair = self.repair(allowed, self.packed(STARTS[-1]))
         return repair.found if repair is not None and repair.complete else None

@@ -133,6 +133,18 @@ def test_too_little_wind_whatever_the_limits() -> None:
     assert found.wind_needed_m_s > 3.3
 
 
+@pytest.mark.slow
+def test_in_a_calm_the_wind_that_is_needed_is_found() -> None:
+    # No crude start leads anywhere at 0.5 m/s: the search goes on from a cycle in more wind.
+    v3 = load_problem("v3-kite")
+    found = explain(parameter_values(v3.with_values({WIND: 0.5})), FORMULATION)
+    assert found.conflict == ()
+    assert found.starts >= 3
+    assert found.wind_needed_m_s is not None
+    for share, feasible in ((1 + EDGE, True), (1 - EDGE, False)):
+        assert solves(parameter_values(v3.with_values({WIND: share * found.wind_needed_m_s}))) is feasible
+
+
 def test_a_feasible_problem_comes_back_with_a_start() -> None:
     values = values_of({})
     found = explain(values, FORMULATION)
