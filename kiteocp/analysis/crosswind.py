@@ -13,8 +13,9 @@ from kiteocp.analysis.crosswind_course import (
     compare,
     matching_path,
     representative_states,
+    weightless_power,
 )
-from kiteocp.analysis.crosswind_flight import FlownPath, UnflyableError, Winch, fly_path, weightless
+from kiteocp.analysis.crosswind_flight import FlownPath, UnflyableError, Winch, fly_path
 from kiteocp.analysis.crosswind_path import PATHS, FlightPath
 from kiteocp.errors import InputError
 from kiteocp.physics.parameters import ParameterValues, parameter_values
@@ -185,6 +186,8 @@ def crosswind(
 
 def _winch(problem: Problem, reeling_speed_m_s: float | None) -> Winch:
     if reeling_speed_m_s is not None:
+        if not np.isfinite(reeling_speed_m_s) or reeling_speed_m_s == 0.0:
+            raise InputError(f"a reeling speed of {reeling_speed_m_s} m/s leaves no power to compare; give another")
         return Winch("reeling_speed", reeling_speed_m_s)
     operation = problem.operation
     return Winch(f"tether_force_{operation.force_reference}", operation.traction.tether_force_N)
@@ -255,7 +258,7 @@ def _mass_sweep(
         sweep[other] = rows
         try:
             flown_path = path if other == kind else matching_path(values, other, length_m, winch)
-            light = fly_path(weightless(values), flown_path, length_m, winch).averages()["mean_power_W"]
+            light = weightless_power(values, flown_path, length_m, winch)
         except (UnflyableError, InputError) as error:
             rows.append({"mass_kg": values["kite.mass_kg"], "message": str(error)})
             continue

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.optimize import brentq
 
-from kiteocp.analysis.crosswind_flight import FlownPath, Winch, fly_path, solve_places, weightless
+from kiteocp.analysis.crosswind_flight import FlownPath, UnflyableError, Winch, fly_path, solve_places, weightless
 from kiteocp.analysis.crosswind_path import FlightPath, make_path
 from kiteocp.errors import InputError
 from kiteocp.ocp.collocation import FloatArray
@@ -156,15 +156,10 @@ def compare(
         What the winch holds, in both.
     weightless_power_W
         Mean power of the same path without weight, where it is known already.
-
-    Raises
-    ------
-    UnflyableError
-        The path cannot be flown without weight.
     """
     light = weightless(values)
     if weightless_power_W is None:
-        weightless_power_W = fly_path(light, flown.path, flown.tether_length_m, winch).averages()["mean_power_W"]
+        weightless_power_W = weightless_power(values, flown.path, flown.tether_length_m, winch)
     averages = flown.averages()
     elevation, azimuth = _averaged_place(flown)
     # The side of the wind window and the sense of the course are those of the problem.
@@ -182,8 +177,11 @@ def compare(
     resolved = averages["mean_power_W"]
     nearest = averages["mean_course_deg"]
     course, note = _matching_course(power, courses, powers, resolved, nearest)
-    same_loss = resolved / weightless_power_W * light_power if weightless_power_W else math.nan
-    gravity_course, gravity_note = _matching_course(power, courses, powers, same_loss, nearest)
+    same_loss = resolved / weightless_power_W * light_power
+    if math.isfinite(same_loss):
+        gravity_course, gravity_note = _matching_course(power, courses, powers, same_loss, nearest)
+    else:
+        gravity_course, gravity_note = None, "without weight there is no such figure or no such state"
     return RepresentativeCourse(
         mass_kg=values["kite.mass_kg"],
         course_deg=course,
@@ -199,6 +197,14 @@ def compare(
         resolved_weightless_power_W=weightless_power_W,
         representative_weightless_power_W=light_power,
     )
+
+
+def weightless_power(values: ParameterValues, path: FlightPath, tether_length_m: float, winch: Winch) -> float:
+    """Return the mean power (W) of a path without weight of kite and tether; not a number where it has none."""
+    try:
+        return fly_path(weightless(values), path, tether_length_m, winch).averages()["mean_power_W"]
+    except UnflyableError:
+        return math.nan
 
 
 def representative_states(

@@ -140,7 +140,8 @@ def derivative(values: FloatArray) -> FloatArray:
     order = np.arange(n // 2 + 1)
     # The highest frequency has no derivative on an even number of points.
     order[-1] = 0 if n % 2 == 0 else order[-1]
-    return np.fft.irfft(1j * order * np.fft.rfft(values), n)
+    slope: FloatArray = np.fft.irfft(1j * order * np.fft.rfft(values), n)
+    return slope
 
 
 def antiderivative(values: FloatArray) -> FloatArray:
@@ -150,12 +151,15 @@ def antiderivative(values: FloatArray) -> FloatArray:
     order = np.arange(len(coefficients))
     wave = np.zeros_like(coefficients)
     wave[1:] = coefficients[1:] / (1j * order[1:])
-    periodic = np.fft.irfft(wave, n)
-    return periodic - periodic[0] + np.mean(values) * _parameter(n)
+    # Of the highest frequency the points see the cosine only, whose integral vanishes at all of them.
+    wave[-1] = 0.0 if n % 2 == 0 else wave[-1]
+    periodic: FloatArray = np.fft.irfft(wave, n)
+    integral: FloatArray = periodic - periodic[0] + np.mean(values) * _parameter(n)
+    return integral
 
 
 def _parameter(points: int) -> FloatArray:
-    return np.arange(points) * (2.0 * np.pi / points)
+    return np.linspace(0.0, 2.0 * np.pi, points, endpoint=False)
 
 
 def _path(kind: str, sizes: tuple[float, float, float], azimuth: FloatArray, elevation: FloatArray) -> FlightPath:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -56,14 +57,16 @@ def format_crosswind(result: Result) -> str:
             + "".join(f"{number:9.{decimals}f}" for number in numbers)
             + f"{factor * study['representative'][key]:16.{decimals}f}"
         )
-    share = 1.0 - comparison["resolved_power_W"] / comparison["resolved_weightless_power_W"]
+    share = 100.0 * (1.0 - comparison["resolved_power_W"] / comparison["resolved_weightless_power_W"])
+    lost = f" ({share:.1f} %)" if math.isfinite(share) else ""
+    ratio = f"{comparison['power_ratio']:.3f}" if math.isfinite(comparison["power_ratio"]) else "no such state"
     lines += [
         f"representative: {comparison['elevation_deg']:.1f} deg elevation, {comparison['azimuth_deg']:.1f} deg azimuth "
         f"(averaged cosines), course {comparison['problem_course_deg']:.1f} deg",
         "",
-        f"mean power of the figure over that of the representative state: {comparison['power_ratio']:.3f}",
+        f"mean power of the figure over that of the representative state: {ratio}",
         f"representative course with the power of the figure: {_course(comparison, '')}",
-        f"representative course with its loss to gravity ({100.0 * share:.1f} %): {_course(comparison, 'gravity_')}",
+        f"representative course with its loss to gravity{lost}: {_course(comparison, 'gravity_')}",
         f"mean course of the figure (mean cosine over time): {comparison['mean_course_deg']:.1f} deg",
         _length_line(study),
         "",

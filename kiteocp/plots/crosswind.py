@@ -86,7 +86,7 @@ def _draw_path(figure: Figure, result: Result, study: dict[str, Any]) -> None:
             "",
             xy=tuple(end),
             xytext=tuple(start),
-            arrowprops={"arrowstyle": "-|>,head_width=0.32,head_length=0.6", "color": INK, "linewidth": 0},
+            arrowprops={"arrowstyle": "-|>,head_width=0.42,head_length=0.8", "color": INK, "linewidth": 0},
             zorder=4,
         )
     comparison = study["comparison"]
@@ -103,7 +103,7 @@ def _draw_path(figure: Figure, result: Result, study: dict[str, Any]) -> None:
     bar = figure.colorbar(lines, cax=figure.add_axes((0.48, 0.13, 0.011, 0.68)))
     bar.set_label("path speed (m/s)", fontsize=LABEL_SIZE)
     bar.ax.tick_params(labelsize=SMALL_SIZE)
-    bar.outline.set_visible(False)  # type: ignore[operator]
+    bar.outline.set_visible(False)
     figure.legend(
         handles=[Line2D([], [], marker="o", markersize=5, color=colour, linewidth=1.4) for colour in (INK, GREY)],
         labels=["representative state, course with the figure's power", "course of the problem"],
