@@ -25,7 +25,10 @@ ELEVATION_DEG, REELING_FACTOR, LIFT_TO_DRAG, LIFT, AREA_M2, WIND_M_S, DENSITY_KG
 )
 
 COURSES_DEG: FloatArray = np.linspace(0.0, 360.0, 241)
-KINEMATIC_RATIOS: FloatArray = np.linspace(0.1, 10.0, 100)
+KINEMATIC_RATIOS: FloatArray = np.linspace(1.5, 9.0, 151)
+
+#: Lean of the force (rad) that is rounding of the arithmetic: the kite is massless.
+TILT_ROUNDING = 1e-12
 
 #: Tether length without meaning: the tether has neither weight nor drag, and the wind is uniform.
 _LENGTH_M = 100.0
@@ -123,8 +126,11 @@ def mass_isolines(
         # The second solution is cut off from the massless kite where the first goes on for ever: flying down so steeply
         # that even at an infinite kinematic ratio the force could lean far enough.
         for tilt, connected in ((opening - turn, np.cos(np.radians(courses)) <= target), (-opening - turn, True)):
-            solution = np.where((tilt >= 0) & (tilt < np.pi / 2), force * np.sin(tilt) / weight, np.nan)
+            leaning = np.where(np.abs(tilt) < TILT_ROUNDING, 0.0, tilt)
+            solution = np.where((leaning >= 0) & (leaning < np.pi / 2), force * np.sin(leaning) / weight, np.nan)
             here = np.flatnonzero(np.isfinite(solution) & connected)
+            if not here.size:
+                continue
             table[mass] = solution
             falls = np.asarray(steepness.map(here.size)(angles[:, here], table[:, here])).ravel() < 0
             masses[here[falls]] = solution[here[falls]]

@@ -110,8 +110,8 @@ class PaperValidation:
             gravity = "gravity_included" if found.gravity else "gravity_excluded"
             rows = {row.quantity: row.to_dict() for row in found.rows}
             tables.setdefault(found.case, {}).setdefault(f"force_at_{found.reference}", {})[gravity] = rows
-        # Every fifth kinematic ratio and tenth course: a picture's grid is not for reading.
-        ratios, courses = slice(4, None, 5), slice(None, None, 10)
+        # A tenth of the kinematic ratios and of the courses: a picture's grid is not for reading.
+        ratios = courses = slice(None, None, 10)
         return {
             "tables": tables,
             "half_units": {

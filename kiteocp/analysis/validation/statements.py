@@ -105,7 +105,7 @@ def _on_transition(comparison: Comparison) -> str:
     phase = comparison.result.phases["transition"]
     mean = (phase["tether_length_end_m"] - phase["tether_length_start_m"]) / phase["duration_s"]
     return (
-        f"{_title(comparison)}: the published transition power takes at least "
+        f"{_title(comparison)}: the published transition power needs at least "
         f"{row.published.value / force:.1f} m/s of reeling on average, at no more than the {force:.0f} N that the "
         f"phase is limited to; the transition as the paper describes it begins at {speed[0] + 0.0:.1f} m/s and ends at "
         f"{speed[-1]:.1f} m/s, {mean:.1f} m/s on average."
