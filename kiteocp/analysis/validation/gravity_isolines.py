@@ -115,19 +115,19 @@ def mass_isolines(
     table[len(values.vector) + POSITION_ARGUMENTS.index("course_deg")] = courses
     angles = np.arctan(ratios)[None, :]
     found = massless.map(courses.size)(angles, table)
-    given, by_mass, force = (np.asarray(output).ravel() for output in found)
+    given, tilting, strength = (np.asarray(output).ravel() for output in found)
     # What the weight across the tether is per kilogram.
     weight = values["environment.gravity_m_s2"] * np.cos(np.radians(ELEVATION_DEG))
     target = 1 / np.hypot(1.0, LIFT_TO_DRAG)
     masses = np.full(courses.size, np.nan)
     with np.errstate(invalid="ignore"):
-        a, b = given + target, -by_mass * force / weight
+        a, b = given + target, -tilting * strength / weight
         opening, turn = np.arccos(target / np.hypot(a, b)), np.arctan2(b, a)
         # The second solution is cut off from the massless kite where the first goes on for ever: flying down so steeply
         # that even at an infinite kinematic ratio the force could lean far enough.
         for tilt, connected in ((opening - turn, np.cos(np.radians(courses)) <= target), (-opening - turn, True)):
             leaning = np.where(np.abs(tilt) < TILT_ROUNDING, 0.0, tilt)
-            solution = np.where((leaning >= 0) & (leaning < np.pi / 2), force * np.sin(leaning) / weight, np.nan)
+            solution = np.where((leaning >= 0) & (leaning < np.pi / 2), strength * np.sin(leaning) / weight, np.nan)
             here = np.flatnonzero(np.isfinite(solution) & connected)
             if not here.size:
                 continue

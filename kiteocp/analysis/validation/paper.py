@@ -145,7 +145,7 @@ def validate_paper(progress: Callable[[int, int], None] | None = None) -> PaperV
         if progress is not None:
             progress(done, _PARTS)
 
-    comparisons = []
+    comparisons: list[Comparison] = []
     for case in CASES:
         for reference in REFERENCES:
             tell(len(comparisons) // 2)

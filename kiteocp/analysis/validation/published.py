@@ -58,8 +58,8 @@ _INPUTS: dict[str, tuple[str, str]] = {
 #: Printed in another unit than the key's.
 _SCALES = {"tether.diameter_m": 1e-3}
 
-#: Sizes by name rather than measurements: a mast of 6 m and a tether sold as 4 mm. Half a unit of them would be 8 % and
-#: 13 %, more than all the measured inputs together, and is accounted for apart.
+#: Sizes by name rather than measurements: a mast of 6 m and a tether sold as 4 mm. Half a unit of them, 8 % and 13 %,
+#: would hide much of what the measured inputs say, and is accounted for apart.
 NOMINAL_KEYS = frozenset({"environment.wind.reference_height_m", "tether.diameter_m"})
 
 #: Printed results of the inputs, to check them by: strong wind, moderate wind.

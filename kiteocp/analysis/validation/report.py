@@ -36,8 +36,8 @@ _BAND = (
     "published number is rounded itself, which widens the band by half a unit of its last digit. It is called likely "
     "to be explained if it lies within the band and within twice the standard deviation that independent, uniform "
     "rounding errors have: the root of the sum of squares over the root of three. Tether diameter and mast height are "
-    "sizes by name, a 4 mm tether and a mast of 6 m, rather than rounded measurements; taken as rounded to a whole "
-    "millimetre and metre they would widen the bands by half and more, so that they are held here and counted apart."
+    "sizes by name, a 4 mm tether and a mast of 6 m, rather than rounded measurements; they are held here, and "
+    "counted apart as if they were rounded to a whole millimetre and metre."
 )
 
 

@@ -62,7 +62,7 @@ def flown_numbers(values: ParameterValues, time_step: float | None = None) -> di
         As `kiteocp.simulate`.
     """
     flown = fly(values, time_step=time_step)
-    numbers = {}
+    numbers: dict[str, float] = {}
     for phase in flown:
         numbers |= _of_part(phase.name, phase.duration_s, phase.energy_J)
     numbers |= _of_part("cycle", sum(phase.duration_s for phase in flown), sum(phase.energy_J for phase in flown))

@@ -67,6 +67,15 @@ def _on_rounding(study: PaperValidation) -> list[str]:
             names = _listed(map(name_of, by_class["nominal sizes"]))
             text += f", and {names} if tether diameter and mast height were rounded too"
         sentences.append(f"{text}.")
+    widths = [
+        (row.nominal_band.high - row.nominal_band.low) / (row.band.high - row.band.low)
+        for comparison in _own(study)
+        for row in comparison.published_rows
+    ]
+    sentences.append(
+        "Tether diameter and mast height, sizes by name, are held; if they were rounded to a whole millimetre and metre, "
+        f"the bands would be {min(widths):.1f} to {max(widths):.1f} times as wide."
+    )
     sentences.append(
         "Each number is judged alone: that one set of inputs within the rounding explains all of them at once is not "
         "claimed."
