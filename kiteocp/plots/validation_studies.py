@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -20,6 +22,12 @@ BAND = 0.03
 #: Largest deviation shown: coarser steps may leave the picture, the band must not become a line.
 _LARGEST_SHOWN = 0.25
 
+#: Largest over smallest mass of the isolines, at most.
+_LEVEL_RANGE = 40.0
+#: Courses on which isolines are labelled, in parts of the picture's width, and the room of a label in its height.
+_LABELLED_COURSES = (0.03, 0.5, 0.97)
+_LABEL_ROOM = 0.05
+
 _CURVES: tuple[dict[str, Any], ...] = (
     {"color": INK, "linestyle": "-", "marker": "o"},
     {"color": BLUE, "linestyle": (0, (4, 1.6)), "marker": "s"},
@@ -35,6 +43,8 @@ def draw_convergence(convergence: Convergence) -> Figure:
     smallest = min(float(np.min(curve.time_steps)) for curve in convergence.curves.values())
     largest = max(float(np.max(curve.time_steps)) for curve in convergence.curves.values())
     beside = smallest / 2.6
+    # Sideways, or the marks of the adaptive integrator would be one.
+    spread = (largest / smallest) ** 0.025
     shown = [1.0 - BAND, 1.0 + BAND]
     for place, (name, curve) in enumerate(convergence.curves.items()):
         style = _CURVES[place % len(_CURVES)]
@@ -42,9 +52,8 @@ def draw_convergence(convergence: Convergence) -> Figure:
         axes.semilogx(
             curve.time_steps[flown], curve.ratios[flown], **style, linewidth=1.3, markersize=3.2, label=name, zorder=3
         )
-        # Spread sideways, or the four marks would be one.
         axes.plot(
-            beside * 1.16 ** (place - 1.5),
+            beside * spread ** (place - 0.5 * (len(convergence.curves) - 1)),
             curve.accurate_ratio,
             marker=style["marker"],
             color=style["color"],
@@ -99,7 +108,7 @@ def style_axes_logarithmic(axes: Any) -> None:
 def draw_mass_isolines(isolines: GravityIsolines) -> Figure:
     """Return the kite mass over course and kinematic ratio as labelled isolines."""
     figure = make_figure(_WIDTH_IN, _HEIGHT_IN)
-    axes = figure.add_axes((0.085, 0.135, 0.895, 0.83))
+    axes = figure.add_axes((0.085, 0.135, 0.895, 0.785))
     style_axes(axes)
     course, ratio, mass = isolines.course_deg, isolines.kinematic_ratio, isolines.mass_kg
     missing = np.isnan(mass)
@@ -108,7 +117,15 @@ def draw_mass_isolines(isolines: GravityIsolines) -> Figure:
     levels = isoline_levels(mass)
     if levels.size:
         lines = axes.contour(course, ratio, mass, levels=levels, colors=[BLUE], linewidths=1.1, zorder=3)
-        axes.clabel(lines, fmt=lambda level: f"{level:g} kg", fontsize=SMALL_SIZE, inline_spacing=3, colors=[INK])
+        places = label_places(lines.allsegs, (float(course[0]), float(course[-1])), (float(ratio[0]), float(ratio[-1])))
+        axes.clabel(
+            lines,
+            fmt=lambda level: f"{level:g}",
+            fontsize=SMALL_SIZE,
+            inline_spacing=3,
+            colors=[INK],
+            manual=places,
+        )
     axes.axhline(isolines.lift_to_drag, color=INK, linewidth=1.1, linestyle=(0, (4, 1.6)), zorder=2)
     axes.set_xlim(float(course[0]), float(course[-1]))
     axes.set_ylim(float(ratio[0]), float(ratio[-1]))
@@ -121,6 +138,7 @@ def draw_mass_isolines(isolines: GravityIsolines) -> Figure:
         color=INK,
         ha="center",
     )
+    axes.set_title("isolines: mass of the kite (kg)", fontsize=LABEL_SIZE, loc="left", color=INK, pad=4.0)
     axes.xaxis.set_major_locator(MultipleLocator(45.0))
     axes.grid(True, color=GRID, linewidth=0.6)
     axes.set_xlabel("course angle (deg)", fontsize=LABEL_SIZE)
@@ -129,9 +147,41 @@ def draw_mass_isolines(isolines: GravityIsolines) -> Figure:
 
 
 def isoline_levels(mass_kg: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """Return round masses in kg above zero, some eight of them over the range that most of the plane has."""
+    """Return round masses in kg, the closer the smaller, over what most of the plane has."""
     known = mass_kg[np.isfinite(mass_kg)]
     if not known.size or np.max(known) <= 0.0:
         return np.array([])
-    levels = MaxNLocator(nbins=8, steps=[1, 2, 2.5, 5, 10]).tick_values(0.0, float(np.percentile(known, 90.0)))
-    return np.asarray([level for level in levels if 0.0 < level < np.max(known)])
+    largest = float(np.percentile(known, 90.0)) or float(np.max(known))
+    decade = 10.0 ** math.floor(math.log10(largest))
+    series = [step * decade * 10.0**power for power in (-2, -1, 0) for step in (1.0, 2.0, 3.0, 5.0)]
+    return np.array([level for level in series if largest / _LEVEL_RANGE <= level <= largest])
+
+
+def label_places(
+    isolines: Sequence[Sequence[np.ndarray[Any, Any]]], courses: tuple[float, float], ratios: tuple[float, float]
+) -> list[tuple[float, float]]:
+    """Return where to write the labels: on courses where the isolines are furthest apart, none over another.
+
+    Parameters
+    ----------
+    isolines
+        By level the lines of the contour, each of shape (n, 2).
+    courses, ratios
+        Ends of the picture in both directions.
+    """
+    places: list[tuple[float, float]] = []
+    height = ratios[1] - ratios[0]
+    for share in _LABELLED_COURSES:
+        course = courses[0] + share * (courses[1] - courses[0])
+        taken = [ratios[0], ratios[1]]
+        # The heavier first: the lightest lie closest to each other.
+        for lines in reversed(isolines):
+            for line in lines:
+                if len(line) < 2 or not np.min(line[:, 0]) <= course <= np.max(line[:, 0]):
+                    continue
+                order = np.argsort(line[:, 0])
+                ratio = float(np.interp(course, line[order, 0], line[order, 1]))
+                if min(abs(ratio - other) for other in taken) > _LABEL_ROOM * height:
+                    taken.append(ratio)
+                    places.append((course, ratio))
+    return places
