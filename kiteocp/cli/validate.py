@@ -95,20 +95,24 @@ def _draw(
     from kiteocp.plots.style import save_figure  # noqa: PLC0415  (matplotlib only where a picture is wanted)
     from kiteocp.plots.validation import CAPTIONS, figures  # noqa: PLC0415
 
-    pictures = []
-    for stem, figure in figures(study.cycles(), study.convergence, study.isolines).items():
-        paths = save_figure(figure, directory / stem, formats)
-        written += paths
-        by_suffix = {path.suffix: path for path in paths}
-        # A drawing of lines where there is one, else the pixels; a report cannot show a PDF.
-        suffix = next((suffix for suffix in (".svg", ".png") if suffix in by_suffix), None)
-        if suffix is None:
-            stream, suffix = io.BytesIO(), ".svg"
-            figure.savefig(stream, format="svg", metadata={"Date": None})
-            content = stream.getvalue()
-        else:
-            content = by_suffix[suffix].read_bytes()
-        pictures.append(Picture(stem, CAPTIONS[stem], {".svg": "image/svg+xml", ".png": "image/png"}[suffix], content))
+    pictures: list[Picture] = []
+    with Progress("pictures drawn") as progress:
+        for stem, figure in figures(study.cycles(), study.convergence, study.isolines).items():
+            progress(len(pictures), len(STEMS))
+            paths = save_figure(figure, directory / stem, formats)
+            written += paths
+            by_suffix = {path.suffix: path for path in paths}
+            # A drawing of lines where there is one, else the pixels; a report cannot show a PDF.
+            suffix = next((suffix for suffix in (".svg", ".png") if suffix in by_suffix), None)
+            if suffix is None:
+                stream, suffix = io.BytesIO(), ".svg"
+                figure.savefig(stream, format="svg", metadata={"Date": None})
+                content = stream.getvalue()
+            else:
+                content = by_suffix[suffix].read_bytes()
+            pictures.append(
+                Picture(stem, CAPTIONS[stem], {".svg": "image/svg+xml", ".png": "image/png"}[suffix], content)
+            )
     return pictures
 
 

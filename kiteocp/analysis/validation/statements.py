@@ -73,8 +73,8 @@ def _on_rounding(study: PaperValidation) -> list[str]:
         for row in comparison.published_rows
     ]
     sentences.append(
-        "Tether diameter and mast height, sizes by name, are held; if they were rounded to a whole millimetre and metre, "
-        f"the bands would be {min(widths):.1f} to {max(widths):.1f} times as wide."
+        "Tether diameter and mast height, sizes by name, are held; if they were rounded to a whole millimetre and "
+        f"metre, the bands would be {min(widths):.1f} to {max(widths):.1f} times as wide."
     )
     sentences.append(
         "Each number is judged alone: that one set of inputs within the rounding explains all of them at once is not "
