@@ -198,13 +198,13 @@ class ElasticProgram:
         start = np.concatenate([np.asarray(x0, dtype=float), np.minimum(wanted, 0.5 * caps)])
         solution = self.solver.solve(start, parameters)
         split = len(self.program.variables)
-        slacks = solution.x[split:]
+        moves = solution.x[split:]
         names = [relief.name for relief in self.reliefs]
         return ElasticSolution(
             solution,
             solution.x[:split],
-            self._moved(slacks, parameters).full().ravel(),
-            dict(zip(names, map(float, slacks), strict=True)),
+            self._moved(moves, parameters).full().ravel(),
+            dict(zip(names, map(float, moves), strict=True)),
         )
 
     def optimum(self, found: ElasticSolution) -> Solution:

@@ -19,6 +19,7 @@ from kiteocp.problem.layout import ProblemLayout
 from kiteocp.problem.overrides import with_overrides
 from kiteocp.problem.reading import read_document
 from kiteocp.problem.shipped import problem_path, shipped_problems
+from kiteocp.problem.uncertain_keys import lost_keys
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ class Problem(ProblemLayout, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         Notes
         -----
         Setting one of ``lift_to_drag`` and ``drag_coefficient`` removes the other, and setting
-        ``environment.wind.profile`` removes the keys that the new profile does not have.
+        ``environment.wind.profile`` removes the keys that the new profile does not have, each with its uncertainty.
         """
         return _built(self.origin, values)
 
@@ -182,6 +183,10 @@ def _built(origin: Origin, overrides: Mapping[str, object]) -> Problem:
     given = checked(with_overrides(origin.given, overrides, fail), fail)
     check_alternatives(given, fail)
     content = resolved(given)
+    if overrides and content["uncertainty"]:
+        # A number that a set value has replaced (one profile of the wind by another) takes its uncertainty along.
+        for key in lost_keys(content, origin.given) - {path.removeprefix("uncertainty.") for path in overrides}:
+            del given["uncertainty"][key], content["uncertainty"][key]
     check_consistency(content, given, fail)
     layout = msgspec.convert(content, ProblemLayout)
     blocks = {name: getattr(layout, name) for name in ProblemLayout.__struct_fields__}

@@ -50,8 +50,22 @@ def check_uncertainty(content: Mapping[str, Any], fail: Fail) -> None:
                 )
 
 
+def lost_keys(content: Mapping[str, Any], before: Mapping[str, Any]) -> set[str]:
+    """Return the uncertain keys whose numbers were given before values were set, and are no longer there.
+
+    Parameters
+    ----------
+    content : mapping
+        The resolved problem with the values set.
+    before : mapping
+        The keys given without them, unchecked.
+    """
+    uncertain = set(content["uncertainty"])
+    return (uncertain - dict(_numbers(content)).keys()) & dict(_numbers(before)).keys()
+
+
 def _numbers(content: Mapping[str, Any]) -> list[tuple[str, float]]:
-    """Return key path and value of every number of a resolved problem."""
+    """Return key path and value of every number of a problem, resolved or as given."""
     found: list[tuple[str, float]] = []
 
     def walk(path: str, value: Any) -> None:
@@ -65,5 +79,5 @@ def _numbers(content: Mapping[str, Any]) -> list[tuple[str, float]]:
             found.append((path, float(value)))
 
     for block in UNCERTAIN_BLOCKS:
-        walk(block, content[block])
+        walk(block, content.get(block))
     return found

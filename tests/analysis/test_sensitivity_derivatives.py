@@ -33,24 +33,24 @@ def resolved_power(study: LocalStudy, key: str, value: float) -> float:
     return -1e4 * solution.f
 
 
-def central_difference(study: LocalStudy, key: str) -> float:
-    """Re-solved central difference, its step inside the interval on which the active set holds."""
+def central_difference(study: LocalStudy, key: str, share: float = 1e-3) -> float:
+    """Re-solved central difference, its step a share of the value, inside the interval where the active set holds."""
     column = study.keys.index(key)
     value = study.sharp.p[column]
     room = [abs(study.reach(column, sign * 0.05 * abs(value)).step) for sign in (-1.0, 1.0)]
-    step = min(1e-3 * abs(value), 0.5 * min(room))
+    step = min(share * abs(value), 0.5 * min(room))
     assert step > 0.0
     ends = [resolved_power(study, key, value + sign * step) for sign in (1.0, -1.0)]
     return (ends[0] - ends[1]) / (2 * step)
 
 
-def assert_derivatives_match(study: LocalStudy, keys: list[str]) -> None:
+def assert_derivatives_match(study: LocalStudy, keys: list[str], share: float = 1e-3) -> None:
     for key in keys:
         derivative = study.gradient[study.keys.index(key)]
         value = study.sharp.p[study.keys.index(key)]
         # 1e-4 of itself; powers are re-solved to some 1e-6 W, which a derivative by 0.1 % of a value turns into this.
-        noise = 1e-5 / (1e-3 * abs(value))
-        assert central_difference(study, key) == pytest.approx(derivative, rel=1e-4, abs=noise), key
+        noise = 1e-5 / (share * abs(value))
+        assert central_difference(study, key, share) == pytest.approx(derivative, rel=1e-4, abs=noise), key
 
 
 @pytest.mark.parametrize("name", list(shipped_problems()))
@@ -97,6 +97,18 @@ def test_electrical_power_behind_generator_and_motor() -> None:
     keys = ["machine.generator_efficiency", "machine.motor_efficiency", "limits.tether_force_max_N", "kite.mass_kg"]
     assert study.gradient[study.keys.index(keys[0])] > 0.0
     assert_derivatives_match(study, keys)
+
+
+def test_a_wind_table_entry_by_entry() -> None:
+    table = {"profile": "table", "heights_m": [10.0, 60.0, 120.0, 200.0, 500.0], "speeds_m_s": [5.9, 7.4, 8.2, 8.8, 9]}
+    study = study_of(load_problem("v3-kite", TIGHT).with_values({"environment.wind": table}))
+    entries = [key for key in study.keys if key.startswith("environment.wind.")]
+    assert len(entries) == 10
+    # The kite flies between 60 and 210 m: the entries at the ends have no or little part in it.
+    felt = [key for key in entries if abs(study.gradient[study.keys.index(key)]) > 1.0]
+    assert {f"environment.wind.speeds_m_s[{i}]" for i in (1, 2, 3)} <= set(felt)
+    # The interpolation bends at the entries: third derivatives over 0.1 % would leave 3e-4.
+    assert_derivatives_match(study, felt, share=3e-4)
 
 
 def test_second_derivatives_and_the_schedule_against_neighbouring_optima() -> None:

@@ -170,6 +170,21 @@ def test_uncertainties_that_make_no_sense(tmp_path: Path, block: str, expected: 
     assert expected in message(tmp_path, "limits:", f"uncertainty:\n  {block}\nlimits:")
 
 
+def test_a_number_that_is_replaced_takes_its_uncertainty_along() -> None:
+    stated = {
+        "uncertainty.environment.wind.roughness_length_m": {"standard_deviation": 0.01},
+        "uncertainty.kite.powered.lift_to_drag": {"standard_deviation": 0.5},
+        "uncertainty.kite.mass_kg": {"standard_deviation": 0.5},
+    }
+    problem = load_problem("strong-wind", stated)
+    changed = problem.with_values({"environment.wind.profile": "uniform", "kite.powered.drag_coefficient": 0.2})
+    assert list(changed.uncertainty) == ["kite.mass_kg"]
+    assert set(problem.uncertainty) == {key.removeprefix("uncertainty.") for key in stated}
+    # What is stated for a key that is not there is a mistake all the same.
+    with pytest.raises(InputError, match=r"roughness_length_m is not the key of a number"):
+        changed.with_values({"uncertainty.environment.wind.roughness_length_m": {"standard_deviation": 0.01}})
+
+
 def test_an_uncertainty_is_one_standard_deviation_or_a_range() -> None:
     stated = {
         "uncertainty.kite.mass_kg": {"standard_deviation": 0.5},
