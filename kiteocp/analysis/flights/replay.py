@@ -1,11 +1,13 @@
 """The model along the path that was flown: at every sample the force predicts the reeling speed, and the other way.
 
 Position, course and power setting are the measured ones. With the force given the state is the closed form of the
-equilibrium; with the reeling speed given the force is found on it by bisection, since more force means less speed.
+equilibrium; with the reeling speed given the force is found on it by bisection, since more force means less speed. The
+same holds for a winch that lets out the faster the harder the kite pulls: its law gives both.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -23,6 +25,10 @@ from kiteocp.physics.parameters import ParameterValues, Structure, parameters_of
 
 #: Forces between which that of a reeling speed is looked for (N), and halvings of their ratio on the way.
 FORCES_N, HALVINGS = (1.0, 1e6), 50
+
+#: A winch has a law of its own where force and reeling speed of the traction correlate more than this, and the force is
+#: not held: its standard deviation is more than a share of its mean.
+LAWFUL, STEADY = 0.8, 0.02
 
 #: The speed of the force found may differ from that given by so much (m/s); more means that there is no equilibrium.
 SPEED_TOLERANCE_M_S = 1e-6
@@ -61,12 +67,16 @@ class Replay:
         By the measured force, nan where there is no equilibrium, shape (n,).
     force_N
         By the measured reeling speed, nan likewise.
+    winch_force_N, winch_speed_m_s
+        By the law of the winch, nan where there is none.
     """
 
     path: Path
     reeling_speed_m_s: FloatArray
     kite_speed_m_s: FloatArray
     force_N: FloatArray
+    winch_force_N: FloatArray
+    winch_speed_m_s: FloatArray
 
     def summary(self, duration_s: float) -> dict[str, float]:
         """Return what the phase would have been like, with the force and with the speed as flown.
@@ -78,11 +88,12 @@ class Replay:
         there = np.isfinite(self.reeling_speed_m_s)
         speed = time_mean(time, self.reeling_speed_m_s)
         held = np.isfinite(self.force_N)
+        ruled = np.isfinite(self.winch_force_N)
 
         def masked(values: FloatArray, mask: NDArray[np.bool_]) -> float:
             return time_mean(time, np.where(mask, values, np.nan))
 
-        return {
+        found = {
             "force.reeled_length_m": speed * duration_s,
             "force.reeled_length_measured_m": masked(path.reeling_speed_m_s, there) * duration_s,
             "force.mean_power_W": time_mean(time, path.force_N * self.reeling_speed_m_s),
@@ -94,8 +105,55 @@ class Replay:
             "speed.mean_power_W": time_mean(time, self.force_N * path.reeling_speed_m_s),
             "speed.mean_power_measured_W": masked(path.force_N * path.reeling_speed_m_s, held),
             "speed.without": float(np.count_nonzero(~held)),
-            "samples": float(time.size),
         }
+        if ruled.any():
+            found |= {
+                "winch.mean_force_N": time_mean(time, self.winch_force_N),
+                "winch.mean_force_measured_N": masked(path.force_N, ruled),
+                "winch.mean_power_W": time_mean(time, self.winch_force_N * self.winch_speed_m_s),
+                "winch.mean_power_measured_W": masked(path.force_N * path.reeling_speed_m_s, ruled),
+                "winch.reeled_length_m": time_mean(time, self.winch_speed_m_s) * duration_s,
+                "winch.reeled_length_measured_m": masked(path.reeling_speed_m_s, ruled) * duration_s,
+                "winch.without": float(np.count_nonzero(~ruled)),
+            }
+        return found
+
+
+@dataclass(frozen=True)
+class WinchLaw:
+    """How a winch reeled out over force: ``speed = speed_m_s + slope_m_s_per_N (force - force_N)``.
+
+    Attributes
+    ----------
+    force_N, speed_m_s
+        A point of the line: the means of the samples it was fitted to.
+    slope_m_s_per_N
+        Not negative.
+    correlation
+        Of force and speed; 1 where the winch did nothing else.
+    """
+
+    force_N: float
+    speed_m_s: float
+    slope_m_s_per_N: float
+    correlation: float
+
+    def speed(self, force_N: FloatArray) -> FloatArray:
+        """Return the reeling speed (m/s) at forces (N)."""
+        return self.speed_m_s + self.slope_m_s_per_N * (force_N - self.force_N)
+
+
+def winch_law(flight: FlightData) -> WinchLaw | None:
+    """Return the law that the tractions of a flight show; None where speed and force do not go together."""
+    among = (flight.phase == "traction") & np.isfinite(flight.tether_force_ground_N * flight.reeling_speed_m_s)
+    force, speed = flight.tether_force_ground_N[among], flight.reeling_speed_m_s[among]
+    if force.size < 3 or np.std(force) <= STEADY * np.mean(force) or np.std(speed) == 0:
+        return None
+    correlation = float(np.corrcoef(force, speed)[0, 1])
+    slope = correlation * float(np.std(speed) / np.std(force))
+    if correlation < LAWFUL:
+        return None
+    return WinchLaw(float(force.mean()), float(speed.mean()), slope, correlation)
 
 
 def path_of(flight: FlightData, cycle: int, phase: str, setting: tuple[float, float]) -> Path:
@@ -125,26 +183,32 @@ def path_of(flight: FlightData, cycle: int, phase: str, setting: tuple[float, fl
     return Path(phase, flight.time_s[among], places[:, among], force[among], speed[among])
 
 
-def replay(path: Path, values: ParameterValues) -> Replay:
-    """Fly a path again in the model of given numbers."""
+def replay(path: Path, values: ParameterValues, law: WinchLaw | None = None) -> Replay:
+    """Fly a path again in the model of given numbers, by force, by speed and, in reel-out, by the law of the winch."""
     function = _state_function(values.structure).map(path.time_s.size)
 
     def state(force: FloatArray) -> tuple[FloatArray, FloatArray]:
         speed, kite_speed = np.asarray(function(np.vstack([path.places, force]), values.vector))
         return speed, kite_speed
 
+    def force_at(wanted: Callable[[FloatArray], FloatArray]) -> FloatArray:
+        """Return the force at which the model reels as fast as the winch wants to, which does not fall with force."""
+        low, high = (np.full(path.time_s.size, np.log(force)) for force in FORCES_N)
+        for _ in range(HALVINGS):
+            middle = 0.5 * (low + high)
+            force = np.exp(middle)
+            # Too little force to fly with counts as too fast.
+            more = ~(state(force)[0] <= wanted(force))
+            low, high = np.where(more, middle, low), np.where(more, high, middle)
+        force = np.exp(high)
+        off = np.abs(state(force)[0] - wanted(force))
+        return np.where(off <= SPEED_TOLERANCE_M_S, force, np.nan)
+
     speed, kite_speed = state(path.force_N)
-    low, high = (np.full(path.time_s.size, np.log(force)) for force in FORCES_N)
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        found = state(np.exp(middle))[0]
-        # Too little force to fly with counts as too fast.
-        more = ~(found <= path.reeling_speed_m_s)
-        low, high = np.where(more, middle, low), np.where(more, high, middle)
-    force = np.exp(high)
-    off = np.abs(state(force)[0] - path.reeling_speed_m_s)
-    force = np.where(off <= SPEED_TOLERANCE_M_S, force, np.nan)
-    return Replay(path, speed, kite_speed, force)
+    by_speed = force_at(lambda force: path.reeling_speed_m_s)
+    missing = np.full(path.time_s.size, np.nan)
+    by_winch = force_at(law.speed) if law is not None and path.phase == "traction" else missing
+    return Replay(path, speed, kite_speed, by_speed, by_winch, missing if law is None else law.speed(by_winch))
 
 
 @lru_cache(maxsize=16)

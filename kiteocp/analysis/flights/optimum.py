@@ -1,0 +1,364 @@
+"""The best cycle of a machine in the wind it flew in, under the limits it flew with, and what makes it better.
+
+From flown to optimal in steps that each change one thing: the flown cycle; the model's three-phase cycle with the flown
+means, in a wind matched so that its traction reels out as fast as measured (what then remains is what the model leaves
+out: manoeuvres); that cycle with one ingredient after the other taken from the optimum; the optimum, whose forces vary
+within the phases. The order of the ingredients would matter, so that each gets its mean over all orders (the Shapley
+value); the shares add up to the whole gain.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.optimize import brentq
+
+from kiteocp.analysis.estimation.wind import WindEstimate
+from kiteocp.analysis.flights.cleaning import FloatArray
+from kiteocp.analysis.flights.data import FlightData
+from kiteocp.analysis.flights.measured import MeasuredCycle, model_lengths
+from kiteocp.analysis.flights.prescribed import operation_of
+from kiteocp.cycle import simulate
+from kiteocp.errors import CycleError, InputError, NoEquilibriumError, SolveError
+from kiteocp.ocp.outcome import solve
+from kiteocp.problem import Problem
+from kiteocp.result import Result
+
+#: A mean state holds no peak of a figure of eight: forces and powers of the traction are averaged over so many seconds.
+WINDOW_S = 15.0
+
+#: Quantiles that stand for the largest and the smallest value flown.
+HIGH, LOW = 0.99, 0.01
+
+#: What of the prescribed cycle is taken from the optimum, one after the other.
+INGREDIENTS: Mapping[str, tuple[str, ...]] = {
+    "traction force": ("operation.traction.tether_force_N",),
+    "retraction force": ("operation.retraction.tether_force_N",),
+    "traction elevation": ("operation.traction.elevation_deg",),
+    "tether lengths": ("operation.tether_length_min_m", "operation.tether_length_max_m"),
+}
+MANOEUVRES, VARYING = "manoeuvres", "forces that vary within the phases"
+
+#: Forces are limited where they were measured.
+FORCE_LIMITS = {"limits.tether_force_max_at": "ground", "limits.tether_force_min_at": "ground"}
+
+#: Room beyond what the prescribed cycle reaches, so that it is inside.
+WIDER = 1e-3
+
+#: Factors on the estimated wind between which the matched one is looked for.
+MATCH = (0.7, 1.5)
+
+
+@dataclass(frozen=True)
+class OptimumStudy:
+    """The optimum beside the flown cycles.
+
+    Attributes
+    ----------
+    limits
+        ``limits`` of the problem as taken from the flight, wider where the model with the flown means needs it: the
+        optimum may do whatever that cycle does.
+    problem
+        What was solved: the estimated kite, the matched wind, the flown operation and limits.
+    flown_power_W, prescribed_power_W, optimal_power_W
+        Mean cycle powers: measured, of the model with the flown means (None if it cannot be flown), and optimal.
+    optimal_band_W
+        Optimal power with the wind a standard error weaker and stronger (None where there is no cycle).
+    wind_factor, wind_sigmas
+        Matched wind over estimated wind, and how many standard errors of the estimate that is.
+    best
+        The operation that comes nearest to the optimum (`optimal_operation`).
+    contributions
+        Part of the gain in W by what brings it, in the order of size; they add up to optimal less flown.
+    result
+        The optimum itself.
+    message
+        Why something is missing, empty otherwise.
+    """
+
+    limits: Mapping[str, float]
+    problem: Problem
+    flown_power_W: float
+    prescribed_power_W: float | None
+    optimal_power_W: float
+    optimal_band_W: tuple[float | None, float | None]
+    wind_factor: float
+    wind_sigmas: float | None
+    best: Mapping[str, float]
+    contributions: Mapping[str, float]
+    result: Result
+    message: str = ""
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the keys of the summary."""
+        return {
+            "status": self.result.status,
+            "limits": dict(self.limits),
+            "flown_mean_power_W": self.flown_power_W,
+            "prescribed_mean_power_W": self.prescribed_power_W,
+            "optimal_mean_power_W": self.optimal_power_W,
+            "optimal_mean_power_band_W": list(self.optimal_band_W),
+            "wind_factor": self.wind_factor,
+            "wind_factor_sigmas": self.wind_sigmas,
+            "operation": dict(self.best),
+            "contributions_W": dict(self.contributions),
+            "phases": self.result.phases,
+            "cycle": self.result.cycle,
+            "message": self.message,
+        }
+
+
+def flown_limits(flight: FlightData) -> dict[str, float]:
+    """Return the ``limits`` keys that a flight kept to, by robust quantiles over all its cycles.
+
+    The largest force is that of a mean state, whose peaks are higher: averaged over `WINDOW_S`, about a figure of
+    eight; and so is the lowest elevation of the traction. All others are quantiles of the samples. A winch that reels
+    in fast can reel out as fast, though the controller of this flight did not.
+    """
+    length, speed, force = model_lengths(flight), flight.reeling_speed_m_s, flight.tether_force_ground_N
+    power = force * speed
+    traction, retraction = flight.phase == "traction", flight.phase == "retraction"
+
+    def windowed(values: FloatArray) -> FloatArray:
+        parts = [
+            _rolling_mean(flight.time_s[mask], values[mask])
+            for mask in (traction & (flight.cycle == cycle) for cycle in flight.cycles())
+        ]
+        return np.concatenate([part for part in parts if part.size] or [values[traction]])
+
+    def high(values: FloatArray) -> float:
+        return float(np.nanquantile(values, HIGH))
+
+    def low(values: FloatArray) -> float:
+        return float(np.nanquantile(values, LOW))
+
+    within = np.isfinite(length) & (flight.phase != "")
+    return {
+        "limits.tether_force_min_N": low(force[retraction]),
+        "limits.tether_force_max_N": high(windowed(force)),
+        "limits.reel_in_speed_max_m_s": high(np.abs(speed)),
+        "limits.reel_out_speed_max_m_s": high(np.abs(speed)),
+        "limits.generator_power_max_W": high(power),
+        "limits.motor_power_max_W": high(-power),
+        "limits.height_min_m": low(flight.height_m),
+        "limits.height_max_m": high(flight.height_m),
+        "limits.tether_length_min_m": float(np.min(length[within])),
+        "limits.tether_length_max_m": float(np.max(length[within])),
+        "limits.traction_elevation_min_deg": low(windowed(flight.elevation_deg)),
+        "limits.traction_elevation_max_deg": high(flight.elevation_deg[traction]),
+        "limits.elevation_max_deg": high(flight.elevation_deg),
+    }
+
+
+def _rolling_mean(time_s: FloatArray, values: FloatArray) -> FloatArray:
+    """Return means over windows of `WINDOW_S` (or the whole, where it is shorter), missing values left out."""
+    known = np.isfinite(values)
+    time, kept = time_s[known], values[known]
+    if kept.size == 0:
+        return kept
+    ends = np.searchsorted(time, time + WINDOW_S, side="right")
+    full = time + WINDOW_S <= time[-1] + 1e-9
+    sums = np.concatenate([[0.0], np.cumsum(kept)])
+    if not full.any():
+        return np.array([kept.mean()])
+    starts = np.flatnonzero(full)
+    means: FloatArray = (sums[ends[starts]] - sums[starts]) / (ends[starts] - starts)
+    return means
+
+
+def mean_operation(cycles: Sequence[MeasuredCycle]) -> dict[str, float | str]:
+    """Return the ``operation`` keys that prescribe the mean of several flown cycles."""
+    operations = [operation_of(cycle) for cycle in cycles]
+    return {
+        key: value if isinstance(value, str) else float(np.mean([operation[key] for operation in operations]))
+        for key, value in operations[0].items()
+    }
+
+
+def study_optimum(
+    flight: FlightData, cycles: Sequence[MeasuredCycle], base: Problem, wind: WindEstimate
+) -> OptimumStudy:
+    """Find the optimum of the machine and say what it gains.
+
+    Parameters
+    ----------
+    flight
+        The whole flight in the frame of the wind, for the limits.
+    cycles
+        The flown cycles to compare with.
+    base
+        Problem with the estimated coefficients, its wind the one that `wind` is a factor on.
+    wind
+        Wind of those cycles.
+
+    Raises
+    ------
+    InputError
+        The limits of the flight contradict each other.
+    SolveError
+        There is no optimal cycle under them.
+    """
+    limits = flown_limits(flight)
+    given = base.with_values({**mean_operation(cycles), **limits, **FORCE_LIMITS})
+    factor, message = _matched(given, cycles, wind)
+    problem, limits = _widened(wind_of(given, wind.scale * factor), limits)
+    given = given.with_values(limits)
+    pause = problem.limits.phase_change_time_s
+    optimum = solve(problem)
+    flown = sum(c.mean_power_W * c.duration_s for c in cycles) / sum(c.duration_s for c in cycles)
+    prescribed = _power(problem, pause)
+    optimal = _mean_power(optimum)
+    error = wind.scale_standard_error
+    contributions: dict[str, float] = {"schedule": optimal - flown}
+    if prescribed is None:
+        message = message or "the model cannot fly the cycle with the flown means, so that the gain stays in one piece"
+    else:
+        contributions = _contributions(problem, optimum, pause, flown, prescribed, optimal)
+    return OptimumStudy(
+        limits=limits,
+        problem=problem,
+        flown_power_W=flown,
+        prescribed_power_W=prescribed,
+        optimal_power_W=optimal,
+        optimal_band_W=tuple(_optimal(given, (wind.scale + sign * (error or 0.0)) * factor) for sign in (-1, 1)),  # type: ignore[arg-type]
+        wind_factor=factor,
+        wind_sigmas=abs(factor - 1.0) * wind.scale / error if error else None,
+        best=optimal_operation(optimum),
+        contributions=dict(sorted(contributions.items(), key=lambda item: -abs(item[1]))),
+        result=optimum,
+        message=message,
+    )
+
+
+def wind_of(problem: Problem, scale: float) -> Problem:
+    """Return a problem with its wind times a factor."""
+    return WindEstimate("factor", scale).applied(problem)
+
+
+def _matched(problem: Problem, cycles: Sequence[MeasuredCycle], wind: WindEstimate) -> tuple[float, str]:
+    """Return the factor on the wind with which the model's traction reels out as fast as measured, and any trouble."""
+    tractions = [cycle.phases["traction"] for cycle in cycles]
+    measured = sum(p.reeled_length_m for p in tractions) / sum(p.duration_s for p in tractions)
+
+    def excess(factor: float) -> float:
+        try:
+            phase = simulate(wind_of(problem, wind.scale * factor)).phases["traction"]
+        except (CycleError, NoEquilibriumError):
+            # Too little wind to reel out at this force.
+            return -measured
+        return (phase["tether_length_end_m"] - phase["tether_length_start_m"]) / phase["duration_s"] - measured
+
+    if excess(MATCH[0]) > 0 or excess(MATCH[1]) < 0:
+        return 1.0, "no wind near the estimated one lets the model's traction reel out as fast as measured"
+    return float(brentq(excess, *MATCH, xtol=1e-5)), ""
+
+
+def _widened(problem: Problem, limits: Mapping[str, float]) -> tuple[Problem, dict[str, float]]:
+    """Return a problem whose limits hold the cycle that it prescribes, and those limits."""
+    wide = dict(limits)
+    try:
+        cycle = simulate(problem)
+    except (CycleError, NoEquilibriumError):
+        return problem, wide
+    for key, channel, sign in (
+        ("tether_force_min_N", "tether_force_ground_N", -1),
+        ("tether_force_max_N", "tether_force_ground_N", 1),
+        ("reel_in_speed_max_m_s", "-reeling_speed_m_s", 1),
+        ("reel_out_speed_max_m_s", "reeling_speed_m_s", 1),
+        ("generator_power_max_W", "power_W", 1),
+        ("motor_power_max_W", "-power_W", 1),
+        ("height_min_m", "height_m", -1),
+        ("height_max_m", "height_m", 1),
+        ("tether_length_min_m", "tether_length_m", -1),
+        ("tether_length_max_m", "tether_length_m", 1),
+        ("elevation_max_deg", "elevation_deg", 1),
+    ):
+        values = cycle[channel.removeprefix("-")] * (-1.0 if channel.startswith("-") else 1.0)
+        reached = float(np.max(sign * values)) * sign
+        path = f"limits.{key}"
+        if sign * reached > sign * wide[path]:
+            wide[path] = reached * (1.0 + sign * WIDER)
+    elevation = problem.operation.traction.elevation_deg
+    wide["limits.traction_elevation_min_deg"] = min(wide["limits.traction_elevation_min_deg"], elevation)
+    wide["limits.traction_elevation_max_deg"] = max(wide["limits.traction_elevation_max_deg"], elevation)
+    return problem.with_values(wide), wide
+
+
+def _power(problem: Problem, pause_s: float) -> float | None:
+    try:
+        return _mean_power(simulate(problem, phase_change_time_s=pause_s))
+    except (CycleError, NoEquilibriumError):
+        return None
+
+
+def _mean_power(result: Result) -> float:
+    power = result.cycle["mean_power_W"]
+    return math.nan if power is None else power
+
+
+def _optimal(problem: Problem, scale: float) -> float | None:
+    """Return the optimal power in another wind, None where there is no cycle."""
+    try:
+        return _mean_power(solve(wind_of(problem, scale), certificate="quick"))
+    except (SolveError, InputError):
+        return None
+
+
+def optimal_operation(optimum: Result) -> dict[str, float]:
+    """Return the operation that comes nearest to an optimum: its lengths, its mean forces and its mean elevation."""
+
+    def mean(channel: str, phase: str) -> float:
+        time = optimum.channel("time_s", phase)
+        return float(np.trapezoid(optimum.channel(channel, phase), time) / (time[-1] - time[0]))
+
+    length = optimum["tether_length_m"]
+    return {
+        "operation.traction.tether_force_N": mean("tether_force_ground_N", "traction"),
+        "operation.retraction.tether_force_N": mean("tether_force_ground_N", "retraction"),
+        "operation.traction.elevation_deg": mean("elevation_deg", "traction"),
+        "operation.tether_length_min_m": float(np.min(length)),
+        "operation.tether_length_max_m": float(np.max(length)),
+    }
+
+
+def _contributions(
+    problem: Problem, optimum: Result, pause_s: float, flown: float, prescribed: float, optimal: float
+) -> dict[str, float]:
+    """Return what each ingredient brings, with what is left to manoeuvres and to forces that vary within the phases."""
+    best = optimal_operation(optimum)
+    powers: dict[frozenset[str], float | None] = {frozenset(): prescribed}
+    for count in range(1, len(INGREDIENTS) + 1):
+        for chosen in itertools.combinations(INGREDIENTS, count):
+            keys = [key for name in chosen for key in INGREDIENTS[name]]
+            try:
+                powers[frozenset(chosen)] = _power(problem.with_values({key: best[key] for key in keys}), pause_s)
+            except InputError:
+                # As a retraction force above the traction force.
+                powers[frozenset(chosen)] = None
+    everything = powers[frozenset(INGREDIENTS)]
+    if everything is None:
+        return {MANOEUVRES: prescribed - flown, "schedule": optimal - prescribed}
+    shares = dict.fromkeys(INGREDIENTS, 0.0)
+    orders = 0
+    for order in itertools.permutations(INGREDIENTS):
+        steps = [powers[frozenset(order[:count])] for count in range(len(order) + 1)]
+        if any(power is None for power in steps):
+            continue
+        orders += 1
+        for name, (before, after) in zip(order, itertools.pairwise(steps), strict=True):
+            shares[name] += (after or 0.0) - (before or 0.0)
+    found = (
+        {name: share / orders for name, share in shares.items()} if orders else {"schedule": everything - prescribed}
+    )
+    return {MANOEUVRES: prescribed - flown, **found, VARYING: optimal - everything}
+
+
+def largest(contributions: Mapping[str, float], gain: float) -> str:
+    """Return what brings the largest part of a gain (or takes the largest part of a loss)."""
+    sign = math.copysign(1.0, gain)
+    return max(contributions, key=lambda name: sign * contributions[name])
