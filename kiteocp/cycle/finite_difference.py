@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
+import casadi as ca
 import numpy as np
 
 from kiteocp.cycle.buffered import BufferedFunction
 from kiteocp.cycle.integrator import IntegrationError
-from kiteocp.cycle.laws import phase_functions
+from kiteocp.cycle.laws import STATE, phase_functions
 from kiteocp.cycle.phases import PhaseName
 from kiteocp.cycle.summary import air_function
-from kiteocp.physics.parameters import ParameterValues
+from kiteocp.physics.parameters import ParameterValues, Structure, parameters_of
+
+#: Steps that are taken in one call; those beyond the end of a phase are thrown away.
+BLOCK = 64
 
 
 def characteristic_time(values: ParameterValues) -> float:
@@ -57,16 +62,23 @@ def finite_difference_phase(
         A state on the way does not exist, or the phase does not end.
     """
     rates = BufferedFunction(phase_functions(values.structure, name).rates)
+    block = BufferedFunction(_block_of_steps(values.structure, name))
+    steps, parameters = np.full(BLOCK, step_s), np.tile(values.vector, BLOCK)
     by_elevation = name == "transition"
-    states = [start]
-    time, length, elevation, energy = (float(v) for v in start)
+    column = STATE.index("elevation_rad" if by_elevation else "tether_length_m")
+    parts, last = [start[None, :]], start
     done = False
     while not done:
-        _, radial, angular, power = rates(states[-1], values.vector)
+        ahead = np.vstack([last, block(last, steps, parameters).reshape(BLOCK, len(STATE))])
+        ordinary = ahead[1 : 1 + _ordinary_steps(ahead, column, end, max_time)]
+        if len(ordinary):
+            parts.append(ordinary)
+            last = ordinary[-1]
+        time, length, elevation, energy = (float(v) for v in last)
+        _, radial, angular, power = (float(v) for v in rates(last, values.vector))
         if not math.isfinite(radial + angular + power):
-            raise IntegrationError(states[-1], "domain")
-        across, step = length * float(angular), step_s
-        radial = float(radial)
+            raise IntegrationError(last, "domain")
+        across, step = length * angular, step_s
         turn = math.atan2(across * step, length + radial * step)
         reached = math.hypot(length + radial * step, across * step)
         if by_elevation and elevation + turn <= end:
@@ -74,14 +86,43 @@ def finite_difference_phase(
             step = length * slope / (across - radial * slope)
         elif not by_elevation and (reached - end) * (length - end) <= 0 and reached != length:
             done, step = True, _time_to_length(length, end, radial, across)
-        time, energy = time + step, energy + float(power) * step
+        time, energy = time + step, energy + power * step
         elevation += math.atan2(across * step, length + radial * step)
         length = math.hypot(length + radial * step, across * step)
         if time > max_time:
-            raise IntegrationError(states[-1], "too_long")
-        states.append(np.array([time, length, elevation, energy]))
-    states[-1][2 if by_elevation else 1] = end
-    return np.array(states)
+            raise IntegrationError(last, "too_long")
+        last = np.array([time, length, elevation, energy])
+        parts.append(last[None, :])
+    states = np.concatenate(parts)
+    states[-1, column] = end
+    return states
+
+
+@lru_cache(maxsize=32)
+def _block_of_steps(structure: Structure, name: PhaseName) -> ca.Function:
+    """Build (once) ``(state, steps, p for each step) -> states after 1 to BLOCK steps``, all of full length."""
+    state, step, p = ca.SX.sym("state", len(STATE)), ca.SX.sym("step"), parameters_of(structure).vector
+    time, length, elevation, energy = ca.vertsplit(state)
+    _, radial, angular, power = ca.vertsplit(phase_functions(structure, name).rates(state, p))
+    outwards, sideways = length + radial * step, length * angular * step
+    after = ca.vertcat(
+        time + step,
+        ca.sqrt(outwards**2 + sideways**2),
+        elevation + ca.atan2(sideways, outwards),
+        energy + power * step,
+    )
+    return ca.Function("step", [state, step, p], [ca.cse(after)]).mapaccum(BLOCK)
+
+
+def _ordinary_steps(ahead: np.ndarray, column: int, end: float, max_time: float) -> int:
+    """Count the steps before the first that ends the phase, takes too long or leaves the domain."""
+    before, after = ahead[:-1, column], ahead[1:, column]
+    if column == STATE.index("elevation_rad"):
+        ends = after <= end
+    else:
+        ends = ((after - end) * (before - end) <= 0) & (after != before)
+    special = ends | (ahead[1:, 0] > max_time) | ~np.isfinite(ahead[1:]).all(axis=1)
+    return int(np.argmax(special)) if special.any() else len(special)
 
 
 def _time_to_length(length: float, end: float, radial: float, across: float) -> float:
