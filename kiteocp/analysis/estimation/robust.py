@@ -36,6 +36,9 @@ NORMAL = 1.4826
 #: Scales below this (in the unit of the residuals, m/s here) are rounding of the arithmetic.
 SMALLEST_SCALE = 1e-9
 
+#: Least mean curvature of the loss over good residuals; it is 0.79 where they are normal.
+SMALLEST_CURVATURE = 0.1
+
 #: Rounds of the two stages; the second stops when no parameter moves by more than this share of itself, or where no
 #: step of at least this share of the proposed one lowers the loss.
 FIRST_ROUNDS, SECOND_ROUNDS, TOLERANCE, SMALLEST_SHARE = 3, 50, 1e-8, 1e-3
@@ -163,15 +166,16 @@ def _softly_fitted(
     return found
 
 
+def tukey_loss(found: FloatArray, reach: FloatArray | float) -> float:
+    """Sum of Tukey's loss of residuals: from 0 to 1 where the residual reaches the distance at which it has no weight."""
+    inside = np.minimum((found / reach) ** 2, 1.0)
+    return float(np.sum(1.0 - (1.0 - inside) ** 3))
+
+
 def _reweighted(
     residuals: Residuals, start: FloatArray, reach: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> FloatArray:
     """Minimise Tukey's loss by reweighted Gauss-Newton steps, halved while they do not lower it."""
-
-    def loss(found: FloatArray) -> float:
-        # What grows from 0 to 1 where the residual reaches the distance at which it loses all weight.
-        inside = np.minimum((found / reach) ** 2, 1.0)
-        return float(np.sum(1.0 - (1.0 - inside) ** 3))
 
     values = start
     found, slopes = residuals(values)
@@ -179,11 +183,11 @@ def _reweighted(
         weight = np.maximum(1.0 - (found / reach) ** 2, 0.0) / reach
         rows = (slopes * weight[:, :, None]).reshape(-1, values.size)
         step = np.linalg.lstsq(rows, -(found * weight).ravel(), rcond=None)[0]
-        now, share = loss(found), 1.0
+        now, share = tukey_loss(found, reach), 1.0
         while share > SMALLEST_SHARE:
             trial = np.clip(values + share * step, lower, upper)
             new, new_slopes = residuals(trial)
-            if loss(new) <= now:
+            if tukey_loss(new, reach) <= now:
                 break
             share /= 2.0
         else:
@@ -208,26 +212,42 @@ def _with_covariance(
     inside = np.abs(ratio) < 1.0
     score = np.where(inside, ratio * TUKEY * (1.0 - ratio**2) ** 2, 0.0)
     curvature = np.where(inside, (1.0 - ratio**2) * (1.0 - 5.0 * ratio**2), 0.0)
-    # The mean curvature of a group instead of each sample's: it is never negative in sum.
-    mean_curvature = np.stack([curvature[groups == group].mean(axis=0) for group in range(len(scales))])
+    # The mean curvature of the group instead of each sample's: it is never negative in sum. Samples without weight
+    # have none, however large their derivatives are.
+    mean_curvature = np.empty_like(curvature)
+    for group, column in np.ndindex(scales.shape):
+        good = (groups == group) & inside[:, column]
+        mean_curvature[groups == group, column] = max(float(np.mean(curvature[good, column])), SMALLEST_CURVATURE)
     scaled = slopes / scale[:, :, None]
-    weighted = scaled * np.sqrt(np.maximum(mean_curvature, 1e-3))[groups][:, :, None]
+    weighted = scaled * np.sqrt(mean_curvature * inside)[:, :, None]
     stacked = weighted.reshape(-1, len(names))
     inverse = np.linalg.pinv(stacked.T @ stacked)
     influence = np.einsum("nm,nmk->nk", score, scaled) @ inverse
+    freedom = len(found) / max(len(found) - len(names), 1)
     # Samples of another phase do not bear on a coefficient of this one: they are gaps in its series.
     series = np.where(np.abs(influence) > 1e-12 * np.max(np.abs(influence), axis=0), influence, np.nan)
     felt = np.count_nonzero(np.isfinite(series), axis=0)
-    effective = np.array([effective_samples(time_s, column) for column in series.T])
-    white = influence.T @ influence * (len(found) / max(len(found) - len(names), 1))
-    spread = np.sqrt(np.maximum(np.diag(white), 1e-300))
+    by_influence = np.array([effective_samples(time_s, column) for column in series.T])
+    variance = freedom * np.sum(influence**2, axis=0) * felt / np.maximum(by_influence, 1.0)
+    # Parameters that lean on a short stretch bend to the slow errors there, and little is left to see of them: the
+    # autocorrelation of the residuals themselves is the other bound.
+    repeats = np.ones_like(scales)
+    for group, column in np.ndindex(scales.shape):
+        part = np.where(groups == group, score[:, column], np.nan)
+        repeats[group, column] = np.count_nonzero(np.isfinite(part)) / max(effective_samples(time_s, part), 1.0)
+    parts = (score * np.sqrt(repeats[groups]))[:, :, None] * scaled @ inverse
+    covariance = freedom * np.einsum("nmi,nmj->ij", parts, parts)
+    by_residuals = felt * freedom * np.sum(influence**2, axis=0) / np.maximum(np.diag(covariance), 1e-300)
+    errors = np.sqrt(np.maximum(variance, np.diag(covariance)))
+    effective = np.clip(np.minimum(by_influence, by_residuals), 1.0, felt)
+    spread = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     lengths = np.linalg.norm(stacked, axis=0)
     return RobustFit(
         names=names,
         values=values,
-        standard_errors=np.sqrt(np.diag(white) * felt / np.maximum(effective, 1.0)),
+        standard_errors=errors,
         effective_samples=effective,
-        correlation=white / np.outer(spread, spread),
+        correlation=covariance / np.outer(spread, spread),
         condition=float(np.linalg.cond(stacked / np.where(lengths > 0, lengths, 1.0))),
         residuals=found,
         outliers=np.any(~inside, axis=1),

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from kiteocp.analysis.estimation.averages import average
 from kiteocp.analysis.estimation.inversion import MEASURED, apparent_wind, measured_samples
-from kiteocp.analysis.estimation.robust import RobustFit, robust_fit
+from kiteocp.analysis.estimation.robust import TUKEY, RobustFit, robust_fit, tukey_loss
 from kiteocp.analysis.flights import FlightData
 from kiteocp.errors import InputError
 from kiteocp.physics.model import Model
@@ -224,16 +224,17 @@ def wind_from_airspeed(flight: FlightData, problem: Problem, *, calibrate: bool 
         )
         for scale in _starting_scales(values, flight)
     ]
-    # The magnitude may have a second minimum at little wind: take the fit with the smaller residuals.
-    best = min(fits, key=lambda fit: float(fit.scales[0, 0]))
+    # The magnitude may have other minima, in which a whole phase passes for wrong samples: compare on equal terms.
+    reach = TUKEY * max(float(fit.scales[0, 0]) for fit in fits)
+    best = min(fits, key=lambda fit: tukey_loss(fit.residuals, reach))
     return _with_speed(_estimate_of(best, "airspeed", int(usable.sum())), problem)
 
 
 def _starting_scales(values: ParameterValues, flight: FlightData) -> tuple[float, ...]:
-    """Return winds of 4 and 12 m/s at the mean height of the flight, as scales."""
+    """Return the wind of the problem, and winds of 4 and 12 m/s at the mean height of the flight, as scales."""
     height = float(np.nanmean(flight.distance_m * np.sin(np.radians(flight.elevation_deg))))
     speed = max(float(_wind_function(values.structure)(height, values.vector)), 0.1)
-    return 4.0 / speed, 12.0 / speed
+    return 1.0, 4.0 / speed, 12.0 / speed
 
 
 def _estimate_of(fit: RobustFit, source: str, samples: int) -> WindEstimate:
