@@ -32,7 +32,8 @@ if TYPE_CHECKING:
     from kiteocp.result import Result as Result
     from kiteocp.result import load_result as load_result
 
-    __version__: str
+#: The one place of the version; the build reads it here.
+__version__ = "0.1.0"
 
 _HOMES: dict[str, str] = {
     "BatchResult": "kiteocp.cycle.batch",
@@ -82,11 +83,7 @@ def __getattr__(name: str) -> Any:
     import importlib  # noqa: PLC0415  (kept out of `import kiteocp`)
 
     value: Any
-    if name == "__version__":
-        import importlib.metadata  # noqa: PLC0415
-
-        value = importlib.metadata.version("kiteocp")
-    elif name == "errors":
+    if name == "errors":
         value = importlib.import_module("kiteocp.errors")
     elif name in _HOMES:
         value = getattr(importlib.import_module(_HOMES[name]), name)

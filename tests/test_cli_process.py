@@ -60,6 +60,7 @@ def test_simulate_end_to_end(tmp_path):
     assert (done.returncode, done.stderr) == (0, "")
     directory = tmp_path / "results" / "strong-wind" / "simulate"
     summary = json.loads((directory / "summary.json").read_text())
+    assert {"python", "casadi", "numpy"} <= summary["versions"].keys()
     assert summary["status"] == "ok"
     assert summary["cycle"]["mean_power_W"] > 0.0
     assert (directory / "cycle.png").stat().st_size > 20_000

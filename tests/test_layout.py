@@ -74,9 +74,9 @@ def test_a_light_start_loads_nothing_heavy(code: str) -> None:
 def test_versions_and_licence_agree() -> None:
     project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text())
-    assert citation["version"] == project["version"]
+    assert citation["version"] == kiteocp.__version__
     assert citation["license"] == project["license"] == (ROOT / "LICENSE").read_text().split()[0]
     assert re.search(
-        r"^## \[(Unreleased|" + re.escape(project["version"]) + r")\]", (ROOT / "CHANGELOG.md").read_text(), re.M
+        r"^## \[(Unreleased|" + re.escape(kiteocp.__version__) + r")\]", (ROOT / "CHANGELOG.md").read_text(), re.M
     )
     assert citation["references"][0]["doi"] == "10.1016/j.renene.2018.07.023"

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from types import ModuleType
 
+import kiteocp
 from kiteocp.cli import check, crosswind, list_problems, new, plot, schema, sensitivity, simulate, solve, validate
 from kiteocp.cli.output import complain, prepare_streams, say
 from kiteocp.cli.parser import Parser, nearest
@@ -78,9 +79,7 @@ def _run(words: list[str]) -> int:
             raise InputError(f"unexpected argument '{name}'; see kiteocp {verb} --help")
         raise InputError(nearest(name, (parsers[verb] if verb else parser).option_names(), "option"))
     if arguments.version:
-        from importlib.metadata import version  # noqa: PLC0415  (slow to import, seldom needed)
-
-        say(f"kiteocp {version('kiteocp')}")
+        say(f"kiteocp {kiteocp.__version__}")
         return 0
     if verb is None:
         raise InputError(f"name a verb: {', '.join(VERBS)}; see kiteocp --help")

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import importlib.metadata
 import math
 import platform
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+import kiteocp
 from kiteocp.problem import Problem
 from kiteocp.result.channels import CYCLE_KEYS, PHASE_KEYS, PHASES, suggest, unit_of
 
@@ -151,13 +152,14 @@ class Result:
 
     def summary(self) -> dict[str, Any]:
         """Return the contents of ``summary.json``: SI units, finite numbers or None, the keys of schema version 1."""
+        # Of what took part: reading versions from the metadata of packages takes longer than simulating a cycle.
         names = ("casadi", "numpy", "scipy")
         summary: dict[str, Any] = {
             "schema_version": SCHEMA_VERSION,
-            "kiteocp_version": importlib.metadata.version("kiteocp"),
+            "kiteocp_version": kiteocp.__version__,
             "versions": {
                 "python": platform.python_version(),
-                **{name: importlib.metadata.version(name) for name in names},
+                **{name: sys.modules[name].__version__ for name in names if name in sys.modules},
             },
             "verb": self.verb,
             "problem": self.problem.name,

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import base64
-import importlib.metadata
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
+import kiteocp
 from kiteocp.analysis.validation.html_parts import STYLE, bullets, paragraph, section, table
 from kiteocp.analysis.validation.paper import PaperValidation
 from kiteocp.analysis.validation.published import CASES, NOMINAL_KEYS, half_units, printed_inputs
@@ -61,7 +61,7 @@ def report_html(study: PaperValidation, pictures: Sequence[Picture] = ()) -> str
     pictures
         The figures, in their order; without them the report says that it has none.
     """
-    version = importlib.metadata.version("kiteocp")
+    version = kiteocp.__version__
     said = study.statements()
     drawn = "".join(_figure(number, picture) for number, picture in enumerate(pictures, start=1))
     body = [
