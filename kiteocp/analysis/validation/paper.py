@@ -46,7 +46,7 @@ class PaperValidation:
     convergence, isolines
         The two studies.
     claims
-        The paper's conclusions.
+        The paper's conclusions, by where the force is held.
     printed_checks, table_checks
         Whether the published numbers agree with each other.
     errata
@@ -57,7 +57,7 @@ class PaperValidation:
     reference: str
     convergence: Convergence
     isolines: GravityIsolines
-    claims: tuple[Claim, ...]
+    claims: dict[str, tuple[Claim, ...]]
     printed_checks: tuple[PrintedCheck, ...]
     table_checks: tuple[TableCheck, ...]
     errata: tuple[ErratumEffect, ...]
@@ -124,7 +124,10 @@ class PaperValidation:
                 "kinematic_ratio": self.isolines.kinematic_ratio[ratios],
                 "mass_kg": self.isolines.mass_kg[ratios, courses],
             },
-            "claims": [asdict(claim) for claim in self.claims],
+            "claims": {
+                f"force_at_{reference}": [asdict(claim) for claim in claims]
+                for reference, claims in self.claims.items()
+            },
             "printed_checks": [check.to_dict() for check in self.printed_checks],
             "table_checks": [check.to_dict() for check in self.table_checks],
             "errata": [effect.to_dict() for effect in self.errata],
@@ -153,10 +156,9 @@ def validate_paper(progress: Callable[[int, int], None] | None = None) -> PaperV
     reference = str(comparisons[0].result.problem.operation.force_reference)
     cycles = {found.case: found.result for found in comparisons if found.gravity and found.reference == reference}
 
-    def lookup(case: str, gravity: bool) -> Comparison:
-        return next(
-            found for found in comparisons if (found.case, found.reference, found.gravity) == (case, reference, gravity)
-        )
+    def claims_at(held: str) -> tuple[Claim, ...]:
+        tables = {(found.case, found.gravity): found for found in comparisons if found.reference == held}
+        return check_claims(lambda case, gravity: tables[case, gravity])
 
     convergence = convergence_study(progress=lambda done, total: tell(len(comparisons) // 2 + done * 4 // total))
     tell(_PARTS - 2)
@@ -167,7 +169,7 @@ def validate_paper(progress: Callable[[int, int], None] | None = None) -> PaperV
         reference,
         convergence,
         isolines,
-        check_claims(lookup),
+        {held: claims_at(held) for held in REFERENCES},
         printed_checks(cycles),
         table_checks(),
         errata_effects(),

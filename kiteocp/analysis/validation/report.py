@@ -68,7 +68,7 @@ def report_html(study: PaperValidation, pictures: Sequence[Picture] = ()) -> str
         f"<h1>{TITLE}</h1>",
         paragraph(_INTRODUCTION),
         paragraph(f"Paper: {_SOURCE}. Computed by kiteocp {version}.", "small"),
-        section("Overview", _overview(study)),
+        section("In short", bullets(said.pop("In short")) + _overview(study)),
         *(section(f"{CASES[case].capitalize()}: the phases", _case_tables(study, case)) for case in CASES),
         section("How the band of rounding is computed", paragraph(_BAND) + _inputs(study)),
         *(section(topic, bullets(sentences)) for topic, sentences in said.items()),
@@ -128,13 +128,23 @@ def _held(found: Comparison) -> str:
 
 
 def _rows(found: Comparison) -> str:
-    head = ["", "here", "published", "off", "band of rounding", "explained", "experiment", "off", "published off"]
+    head = [
+        "",
+        "here",
+        "with the paper's time step",
+        "published",
+        "here off published",
+        "band of rounding",
+        "explained by rounding",
+        "experiment",
+        "here off experiment",
+        "published off experiment",
+    ]
     rows, classes = [], []
     for row in found.rows:
         unit = SHOWN[row.quantity.partition(".")[2]][0]
         here, published, measured = (text_of(row.quantity, value, unit=False) for value in _three(row))
         low, high = (text_of(row.quantity, value, unit=False) for value in (row.band.low, row.band.high))
-        theirs = 100 * (row.published.value - row.experiment.value) / abs(row.experiment.value)
         label = f"{name_of(row.quantity)} ({unit})"
         if row.quantity == RETRACTION_FORCE:
             label = "retraction energy per metre (N)"
@@ -142,13 +152,14 @@ def _rows(found: Comparison) -> str:
             [
                 label,
                 here,
+                text_of(row.quantity, row.stepped, unit=False),
                 published,
                 f"{row.deviation_percent:+.1f} %",
                 f"{low} to {high}",
                 row.explained,
                 measured,
                 f"{row.experiment_percent:+.0f} %",
-                f"{theirs:+.0f} %",
+                f"{row.published_experiment_percent:+.0f} %",
             ]
         )
         classes.append(row.explained.replace(" ", "-"))
@@ -177,9 +188,17 @@ def _inputs(study: PaperValidation) -> str:
 
 
 def _claims(study: PaperValidation) -> str:
-    rows = [[CASES[claim.case], claim.text, "yes" if claim.holds else "no", claim.numbers] for claim in study.claims]
-    classes = ["likely" if claim.holds else "no" for claim in study.claims]
-    return table(["case", "conclusion", "holds here", "numbers"], rows, classes=classes)
+    head = ["case", "conclusion"]
+    for reference in study.claims:
+        head += [f"holds with the force held at the {reference}", "numbers"]
+    rows, classes = [], []
+    for claims in zip(*study.claims.values(), strict=True):
+        cells = [CASES[claims[0].case], claims[0].text]
+        for claim in claims:
+            cells += ["yes" if claim.holds else "no", claim.numbers]
+        rows.append(cells)
+        classes.append("likely" if all(claim.holds for claim in claims) else "no")
+    return table(head, rows, classes=classes)
 
 
 def _convergence(study: PaperValidation) -> str:

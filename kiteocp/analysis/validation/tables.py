@@ -91,6 +91,11 @@ class Row:
         return 100 * (self.simulated - self.experiment.value) / abs(self.experiment.value)
 
     @property
+    def published_experiment_percent(self) -> float:
+        """Published simulation less measured in percent of the measured magnitude."""
+        return 100 * (self.published.value - self.experiment.value) / abs(self.experiment.value)
+
+    @property
     def explained(self) -> str:
         """What rounding explains, a key of `EXPLANATIONS`."""
         half = self.published.half_unit

@@ -21,6 +21,7 @@ _LEGEND = (
 )
 #: Topics of the sentences that are printed; the report has all of them.
 _TOPICS = (
+    "In short",
     "What the rounding of the inputs explains",
     "What lies outside",
     "Beside the experiment",
