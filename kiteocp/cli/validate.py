@@ -1,4 +1,4 @@
-"""Reproduce the results section of the paper beside its published simulation and experiment, and say how well."""
+"""Reproduce the results section of the paper beside its tables, or set a recorded flight against the model."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from typing import TYPE_CHECKING
 from kiteocp.cli.output import say
 from kiteocp.cli.parser import PICTURE_FORMATS, picture_format
 from kiteocp.cli.progress import Progress
+from kiteocp.cli.validate_flight import add_flight_arguments, check_no_flight, validate_recording
 
 if TYPE_CHECKING:
     from kiteocp.analysis.validation.paper import PaperValidation
     from kiteocp.analysis.validation.report import Picture
 
 NAME = "validate"
-HELP = "reproduce the paper's results beside its tables and experiment"
+HELP = "reproduce the paper's results beside its tables, or set a recorded flight against the model"
 
 #: Files that a validation writes beside its pictures.
 SUMMARY, REPORT = "summary.json", "report.html"
@@ -38,8 +39,14 @@ STEMS = (
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add where to write and what to draw."""
-    parser.add_argument("-o", "--output", metavar="DIR", help="where to write (default results/validation)")
+    """Add the flight, if any, where to write and what to draw."""
+    add_flight_arguments(parser)
+    parser.add_argument(
+        "-o",
+        "--output",
+        metavar="DIR",
+        help="where to write (default results/validation, with a flight results/validation/<flight>)",
+    )
     parser.add_argument(
         "--no-plot", dest="plot", action="store_false", help="write no pictures, and none in the report"
     )
@@ -49,13 +56,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="append",
         type=picture_format,
         metavar="FORMAT",
-        help=f"format of the pictures: {', '.join(PICTURE_FORMATS)} (repeatable; default all of them)",
+        help=f"format of the pictures: {', '.join(PICTURE_FORMATS)} (repeatable; default all, of a flight png)",
     )
     parser.add_argument("--json", action="store_true", help="print the summary as JSON instead of the tables")
 
 
 def run(arguments: argparse.Namespace) -> int:
-    """Validate against the paper."""
+    """Validate against the paper, or against a flight where one is given."""
+    if arguments.flight is not None:
+        return validate_recording(arguments)
+    check_no_flight(arguments)
     return _validate_paper(arguments)
 
 

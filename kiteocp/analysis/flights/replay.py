@@ -24,7 +24,7 @@ from kiteocp.physics.model import Model, Position
 from kiteocp.physics.parameters import ParameterValues, Structure, parameters_of
 
 #: Forces between which that of a reeling speed is looked for (N), and halvings of their ratio on the way.
-FORCES_N, HALVINGS = (1.0, 1e6), 50
+FORCES_N, HALVINGS = (1.0, 1e6), 30
 
 #: A winch has a law of its own where force and reeling speed of the traction correlate more than this, and the force is
 #: not held: its standard deviation is more than a share of its mean.

@@ -1,0 +1,135 @@
+"""The study of a flight as one self-contained HTML page."""
+
+from __future__ import annotations
+
+import base64
+import importlib.metadata
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from kiteocp.analysis.flights.comparison import BAND_SIGMAS, LAWS, Prediction
+from kiteocp.analysis.flights.data import FLIGHT_PHASES
+from kiteocp.analysis.flights.statements import QUANTITY_WORDS, statements
+from kiteocp.analysis.flights.study import FlightStudy
+from kiteocp.analysis.flights.summary import HEADS, LEGEND, MARKS, SHOWN
+from kiteocp.analysis.validation.html_parts import STYLE, bullets, paragraph, section, table
+
+_METHOD = (
+    "Lift and drag coefficients of both settings of the kite and the wind are fitted to the estimation cycles through "
+    "the equilibrium of forces, robustly and with a covariance that counts only independent samples. The airspeed "
+    "sensor is gauged by that wind; it alone then tells the wind of the predicted cycles, whose forces take no part.",
+    "Constant force: each phase of a predicted cycle from the tether length and elevation where it began, with its "
+    "mean force, to where it ended, by the paper's laws; its traction is one representative state from averaged "
+    "cosines.",
+    "Flown force, flown speed: the model at every sample of the flown path, given the measured force (the reeling "
+    "speed follows) or the measured reeling speed (the force follows).",
+    "Winch's law: the line of reeling speed over force of the estimation cycles; force and speed of the traction both "
+    "follow.",
+    "The turn from reel-out to reel-in has no phase in the model. It is flown as a phase of its own, powered and "
+    "straight up; in a closed cycle it belongs to the traction.",
+    "Bands are 95 % of what the errors of coefficients and wind leave, to first order.",
+    "The optimum: limits are what the flight kept to (robust quantiles), the wind is matched so that the model's "
+    "traction reels out as fast as measured. The contributions are means over all orders in which the ingredients of "
+    "the flown cycle are replaced by those of the optimum (Shapley values).",
+)
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure of the report: file stem, caption, media type and content."""
+
+    stem: str
+    caption: str
+    media_type: str
+    content: bytes
+
+
+def report_html(study: FlightStudy, pictures: Sequence[Picture] = ()) -> str:
+    """Return the report.
+
+    Parameters
+    ----------
+    study
+        What was computed.
+    pictures
+        The figures, in their order.
+    """
+    title = f"{study.flight.name} beside the quasi-steady model of {study.problem.name}"
+    version = importlib.metadata.version("kiteocp")
+    said = statements(study)
+    drawn = "".join(_figure(number, picture) for number, picture in enumerate(pictures, start=1))
+    body = [
+        f"<h1>{_escaped(title)}</h1>",
+        paragraph(
+            f"{len(study.flight)} samples, cycles {', '.join(map(str, study.flight.cycles()))}. kiteocp {version}."
+        ),
+        section("The optimum", bullets(said["the optimum"]) + _optimum(study)),
+        *(section(topic[0].upper() + topic[1:], bullets(said[topic])) for topic in list(said)[:-1]),
+        *(section(f"Cycle {cycle.measured.number}", _cycle(study, index)) for index, cycle in enumerate(study.cycles)),
+        section("How it is done", bullets(_METHOD) + paragraph(LEGEND, "small")),
+        section("Figures", drawn or paragraph("Drawn without pictures (--no-plot).")),
+    ]
+    if study.warnings:
+        body.insert(2, section("Warnings", bullets(study.warnings)))
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{_escaped(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
+        + "\n".join(body)
+        + "\n</body>\n</html>\n"
+    )
+
+
+def _cycle(study: FlightStudy, index: int) -> str:
+    cycle = study.cycles[index]
+    head = ["phase", "quantity", "unit", "flown", *(HEADS[law] for law in LAWS)]
+    rows = []
+    for name in FLIGHT_PHASES:
+        if name not in cycle.phases:
+            continue
+        phase = cycle.phases[name]
+        for quantity, (unit, factor, digits) in SHOWN.items():
+            cells = [phase.predictions[law].get(quantity) for law in LAWS]
+            if any(cells):
+                flown = f"{getattr(phase.measured, quantity) * factor:.{digits}f}"
+                rows.append([name, QUANTITY_WORDS[quantity], unit, flown, *(_cell(c, factor, digits) for c in cells)])
+    unit, factor, digits = SHOWN["mean_power_W"]
+    whole = [_cell(cycle.power.get(law), factor, digits) for law in LAWS]
+    rows.append(["cycle", "mean power", unit, f"{cycle.measured.mean_power_W * factor:.{digits}f}", *whole])
+    wind = cycle.wind.estimate
+    text = f"{wind.reference_speed_m_s:.1f} m/s of wind at {wind.reference_height_m:g} m, by the gauged airspeed."
+    return paragraph(text) + table(head, rows, numeric_from=3)
+
+
+def _cell(prediction: Prediction | None, factor: float, digits: int) -> str:
+    if prediction is None:
+        return ""
+    band = BAND_SIGMAS * prediction.standard_error * factor
+    return (
+        f"{prediction.predicted * factor:.{digits}f} ± {band:.{digits}f} ({100 * prediction.deviation:+.0f} %) "
+        f"{MARKS[prediction.verdict]}"
+    )
+
+
+def _optimum(study: FlightStudy) -> str:
+    optimum = study.optimum
+    if optimum is None:
+        return ""
+    rows = [["flown", f"{1e-3 * optimum.flown_power_W:.2f}"]]
+    rows += [[name, f"{1e-3 * part:+.2f}"] for name, part in optimum.contributions.items()]
+    rows.append(["optimal", f"{1e-3 * optimum.optimal_power_W:.2f}"])
+    limits = [[key.removeprefix("limits."), f"{value:.4g}"] for key, value in optimum.limits.items()]
+    return table(["from flown to optimal", "kW"], rows, numeric_from=1) + table(
+        ["limit it flew with", "value"], limits, numeric_from=1
+    )
+
+
+def _figure(number: int, picture: Picture) -> str:
+    data = base64.b64encode(picture.content).decode("ascii")
+    source = f"data:{picture.media_type};base64,{data}"
+    text = paragraph(f"Figure {number}. {picture.caption}", "caption")
+    return f'<figure id="{picture.stem}"><img alt="{picture.stem.replace("_", " ")}" src="{source}">{text}</figure>'
+
+
+def _escaped(text: str) -> str:
+    return paragraph(text).removeprefix("<p>").removesuffix("</p>")

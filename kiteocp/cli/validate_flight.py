@@ -1,0 +1,132 @@
+"""``kiteocp validate FLIGHT.csv``: a recorded flight against the model."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from kiteocp.cli.calculation import load
+from kiteocp.cli.output import complain, say
+from kiteocp.cli.parser import add_overrides
+from kiteocp.cli.progress import Progress
+from kiteocp.errors import InputError
+
+if TYPE_CHECKING:
+    from kiteocp.analysis.flights.report import Picture
+    from kiteocp.analysis.flights.study import FlightStudy
+
+REPORT = "report.html"
+
+#: Options that only a flight takes, by their names in the arguments.
+FLIGHT_OPTIONS = {"system": "--system", "columns": "--columns", "estimate_on": "--estimate-on", "overrides": "--set"}
+
+
+def add_flight_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the flight and what belongs to it."""
+    parser.add_argument(
+        "flight",
+        metavar="FLIGHT.csv",
+        nargs="?",
+        help="a recorded flight to set against the model, with --system; the paper where left out",
+    )
+    parser.add_argument("--system", metavar="PROBLEM", help="the system that flew, as v9-kite")
+    parser.add_argument(
+        "--columns", metavar="MAP", help="column map of the flight: name of a shipped one, or path (default: what fits)"
+    )
+    parser.add_argument(
+        "--estimate-on",
+        dest="estimate_on",
+        metavar="CYCLES",
+        help="numbers of the cycles to estimate wind and aerodynamics on, as 0,1 (default: the first half)",
+    )
+    add_overrides(parser)
+
+
+def check_no_flight(arguments: argparse.Namespace) -> None:
+    """Refuse options of a flight where none is given."""
+    for name, option in FLIGHT_OPTIONS.items():
+        if getattr(arguments, name):
+            raise InputError(
+                f"{option} needs a flight; name its CSV file: kiteocp validate FLIGHT.csv --system PROBLEM"
+            )
+
+
+def validate_recording(arguments: argparse.Namespace) -> int:
+    """Estimate, predict, optimise, save, print and draw."""
+    if arguments.system is None:
+        raise InputError("a flight needs the system that flew it; add --system, as --system v9-kite")
+    cycles = _numbers(arguments.estimate_on)
+    problem = load(arguments.system, arguments.overrides)
+    from kiteocp.analysis.flights.reading import load_flight  # noqa: PLC0415  (keeps --help fast)
+
+    flight = load_flight(arguments.flight, arguments.columns)
+    from kiteocp.analysis.flights.study import validate_flight  # noqa: PLC0415
+    from kiteocp.analysis.flights.summary import format_study, result_of  # noqa: PLC0415
+    from kiteocp.result import write_atomically  # noqa: PLC0415
+
+    default = Path("results") / "validation" / Path(arguments.flight).stem
+    directory = Path(arguments.output) if arguments.output is not None else default
+    with Progress("parts of the study done") as progress:
+        study = validate_flight(flight, problem, estimate_on=cycles, progress=progress)
+    result = result_of(study)
+    # The numbers first: a picture that cannot be drawn must not cost them.
+    written = result.save(directory)
+    _remove_earlier(directory)
+    say(json.dumps(result.summary(), indent=2, ensure_ascii=False) if arguments.json else format_study(study))
+    try:
+        pictures: list[Picture] = []
+        if arguments.plot:
+            pictures = _draw(study, directory, arguments.formats or ["png"], written)
+        from kiteocp.analysis.flights.report import report_html  # noqa: PLC0415
+
+        write_atomically({directory / REPORT: report_html(study, pictures).encode()})
+        written.insert(1, directory / REPORT)
+    finally:
+        if not arguments.json:
+            say("\nwritten: " + ", ".join(str(path) for path in written))
+    if study.optimum is None:
+        complain(f"{problem.name}: {study.optimum_message}; the comparison is saved in {directory}")
+        return 1
+    return 0
+
+
+def _numbers(text: str | None) -> list[int] | None:
+    if text is None:
+        return None
+    try:
+        return [int(part) for part in text.split(",")]
+    except ValueError:
+        raise InputError(f"--estimate-on {text}: expected numbers of cycles, as 0,1") from None
+
+
+def _draw(study: FlightStudy, directory: Path, formats: list[str], written: list[Path]) -> list[Picture]:
+    """Draw and save every figure, add the files to ``written``, and return the figures for the report."""
+    from kiteocp.analysis.flights.report import Picture  # noqa: PLC0415
+    from kiteocp.plots.flights import caption, figures  # noqa: PLC0415  (matplotlib only where a picture is wanted)
+    from kiteocp.plots.style import save_figure  # noqa: PLC0415
+
+    pictures = []
+    with Progress("pictures drawn") as progress:
+        drawings = figures(study)
+        for done, (stem, draw) in enumerate(drawings.items(), start=1):
+            paths = save_figure(draw(), directory / stem, formats)
+            written += paths
+            # The first format that a browser shows.
+            shown = next((path for path in paths if path.suffix in (".png", ".svg")), None)
+            if shown is not None:
+                media_type = {".png": "image/png", ".svg": "image/svg+xml"}[shown.suffix]
+                pictures.append(Picture(stem, caption(stem), media_type, shown.read_bytes()))
+            progress(done, len(drawings))
+    return pictures
+
+
+def _remove_earlier(directory: Path) -> None:
+    """Remove report and pictures of an earlier run: beside a new summary they would be taken for part of it."""
+    stems = ("cycle_*", "side_view_*", "comparison", "optimum")
+    stale = [path for stem in stems for suffix in ("png", "svg", "pdf") for path in directory.glob(f"{stem}.{suffix}")]
+    for path in [directory / REPORT, *stale]:
+        with contextlib.suppress(OSError):
+            path.unlink(missing_ok=True)
