@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from kiteocp import errors as errors
+    from kiteocp.analysis.crosswind import crosswind as crosswind
+    from kiteocp.analysis.crosswind import representative_course as representative_course
     from kiteocp.analysis.sensitivity import sensitivities as sensitivities
     from kiteocp.analysis.winch import export_schedule as export_schedule
     from kiteocp.cycle import simulate as simulate
@@ -44,10 +46,12 @@ _HOMES: dict[str, str] = {
     "Problem": "kiteocp.problem",
     "Result": "kiteocp.result",
     "SolveError": "kiteocp.errors",
+    "crosswind": "kiteocp.analysis.crosswind",
     "export_schedule": "kiteocp.analysis.winch",
     "flight_state": "kiteocp.physics.flight",
     "load_problem": "kiteocp.problem",
     "load_result": "kiteocp.result",
+    "representative_course": "kiteocp.analysis.crosswind",
     "shipped_problems": "kiteocp.problem",
     "sensitivities": "kiteocp.analysis.sensitivity",
     "simulate": "kiteocp.cycle",
@@ -65,11 +69,13 @@ __all__ = [
     "Result",
     "SolveError",
     "__version__",
+    "crosswind",
     "errors",
     "export_schedule",
     "flight_state",
     "load_problem",
     "load_result",
+    "representative_course",
     "sensitivities",
     "shipped_problems",
     "simulate",

@@ -14,7 +14,7 @@ HELP = "draw a saved result again"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the directory of the result and the format of the picture."""
-    parser.add_argument("directory", metavar="DIR", help="directory that simulate or solve wrote")
+    parser.add_argument("directory", metavar="DIR", help="directory that simulate, solve, sensitivity or crosswind wrote")
     parser.add_argument("-o", "--output", metavar="DIR", help="where to write the picture (default DIR)")
     add_picture_format(parser)
 
@@ -31,6 +31,10 @@ def run(arguments: argparse.Namespace) -> int:
         from kiteocp.plots.study import plot_study  # noqa: PLC0415
 
         written = plot_study(result, output, formats)
+    elif "crosswind" in result.details:
+        from kiteocp.plots.crosswind import plot_crosswind  # noqa: PLC0415
+
+        written = plot_crosswind(result, output / "crosswind", formats)
     else:
         from kiteocp.plots import plot_result  # noqa: PLC0415
 

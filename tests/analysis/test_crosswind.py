@@ -344,6 +344,8 @@ def test_command_writes_summary_time_series_and_picture(tmp_path, capsys):
     picture = matplotlib.image.imread(tmp_path / "crosswind.png")[..., :3]
     for half in np.array_split(picture, 2, axis=1):
         assert np.mean(np.any(half < 0.95, axis=-1)) > 0.01
+    assert main(["plot", str(tmp_path), "--format", "svg", "-o", str(tmp_path / "again")]) == 0
+    assert [path.name for path in (tmp_path / "again").iterdir()] == ["crosswind.svg"]
 
 
 def test_command_with_too_heavy_a_kite_is_infeasible(tmp_path, capsys):
