@@ -5,8 +5,9 @@ that force which the coefficients ask for. What remains is a speed (m/s) in two 
 ``|v_a| - sqrt(2 F_a / (rho C_R S))``, and across it, ``|v_a| (angle - atan2(C_L, C_D))``. Together they are the smallest
 change of the wind at the kite that would put the sample in equilibrium: a gust. That is why the fit goes this way
 around. A gust enters both residuals as itself, of like size in all phases, and every sample has them; the force that a
-reeling speed predicts would be the square of a small difference of wind and reeling speed, and the speed that a force predicts the
-root of what a gust may make negative.
+reeling speed predicts would be the square of a small difference of wind and reeling speed, and the speed that a force
+predicts the root of what a gust may make negative. The noise of a speed is always counted as more apparent wind: C_R
+comes out too small by some ``2 (noise / v_a)^2``.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from kiteocp.analysis.estimation.inversion import MEASURED, REASONS, Inversion, apparent_wind, measured_samples
+from kiteocp.analysis.estimation.inversion import MEASURED, Inversion, apparent_wind, measured_samples
 from kiteocp.analysis.estimation.robust import RobustFit, robust_fit
 from kiteocp.analysis.estimation.wind import ANGLES_DEG, SCALES, scaled_wind, turned_sample
 from kiteocp.analysis.flights import FlightData
@@ -42,6 +43,10 @@ SETTING_OF_PHASE: Mapping[str, Setting] = {
     "traction": "powered",
 }
 SETTINGS: tuple[Setting, ...] = ("powered", "depowered")
+
+#: A powered phase begins while the kite is still being powered up: below this measured setting it does not count.
+FULLY_POWERED = 0.95
+PART_POWERED = "part_powered"
 
 #: Where coefficients are looked for.
 LIFTS, DRAGS = (0.01, 5.0), (1e-4, 3.0)
@@ -155,7 +160,9 @@ def fit_coefficients(
     samples = measured_samples(flight)
     setting_of = np.array([SETTING_OF_PHASE.get(str(phase), "") for phase in flight.phase])
     # What the fit cannot use is missing or slack; the rest has residuals, and a wrong sample large ones.
-    unusable = np.isin(inversion.reasons["exact"], ["missing", "slack"])
+    broken = np.isin(inversion.reasons["exact"], ["missing", "slack"])
+    partly = (setting_of == "powered") & (flight.power_setting < FULLY_POWERED)
+    unusable = broken | partly
     counts = {setting: int(np.count_nonzero((setting_of == setting) & ~unusable)) for setting in SETTINGS}
     fitted = [setting for setting in SETTINGS if counts[setting] >= FEWEST_SAMPLES]
     if not fitted:
@@ -184,13 +191,17 @@ def fit_coefficients(
         fit,
         {setting: counts[setting] for setting in fitted},
         {setting: int(fit.outliers[groups == index].sum()) for index, setting in enumerate(fitted)},
-        {setting: _rejections(inversion, (setting_of == setting) & unusable) for setting in fitted},
+        {setting: _rejections(inversion, setting_of == setting, broken, partly) for setting in fitted},
         identified,
     )
 
 
-def _rejections(inversion: Inversion, among: NDArray[np.bool_]) -> dict[str, int]:
-    return {name: count for name, count in inversion.counts("exact", among).items() if name in REASONS}
+def _rejections(
+    inversion: Inversion, among: NDArray[np.bool_], broken: NDArray[np.bool_], partly: NDArray[np.bool_]
+) -> dict[str, int]:
+    counts = inversion.counts("exact", among & broken)
+    part = int(np.count_nonzero(among & partly & ~broken))
+    return counts | ({PART_POWERED: part} if part else {})
 
 
 def _median_coefficients(inversion: Inversion, among: NDArray[np.bool_]) -> list[float]:

@@ -1,10 +1,10 @@
 """Least squares that outliers cannot bend, with the covariance of correlated residuals (an MM-estimator).
 
 Residuals come in columns; each has one scale for each group of samples. From the start, least squares with the
-``soft_l1`` loss gives residuals and with them the scales (median absolute deviation). With the scales held, the
+Cauchy loss gives residuals and with them the scales (median absolute deviation). With the scales held, the
 parameters are found again with Tukey's biweight, which gives a residual beyond 4.7 scales no weight at all: a wrong
-sample then has no influence, where a convex loss leaves each a bounded one, and 5 % of them on one side a bias as large as the
-standard error. The first stage keeps the second from a wrong minimum.
+sample then has no influence, where a convex loss (Huber's, or ``soft_l1``) leaves each a bounded one, in proportion to
+its derivatives, which a wrong speed makes large. The first stage keeps the second from a wrong minimum.
 
 The covariance is the sandwich ``A^-1 B A^-1`` of M-estimation; the influence of the samples on a parameter is a time
 series, whose variance of the sum takes its autocorrelation into account as in `averages`.
@@ -141,7 +141,7 @@ def robust_fit(
 def _softly_fitted(
     residuals: Residuals, start: FloatArray, scale: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> FloatArray:
-    """Least squares of scaled residuals with the ``soft_l1`` loss."""
+    """Least squares of scaled residuals with the Cauchy loss."""
     last: dict[str, Any] = {}
 
     # Residuals and derivatives are asked for at the same parameters, one after the other.
@@ -157,7 +157,7 @@ def _softly_fitted(
         start,
         jac=lambda at: both(at)[1],
         bounds=(lower, upper),
-        loss="soft_l1",
+        loss="cauchy",
         x_scale="jac",
         ftol=1e-6,
         xtol=1e-6,
@@ -167,7 +167,7 @@ def _softly_fitted(
 
 
 def tukey_loss(found: FloatArray, reach: FloatArray | float) -> float:
-    """Sum of Tukey's loss of residuals: from 0 to 1 where the residual reaches the distance at which it has no weight."""
+    """Sum of Tukey's loss: of each residual from 0 to 1 where it reaches the distance at which it has no weight."""
     inside = np.minimum((found / reach) ** 2, 1.0)
     return float(np.sum(1.0 - (1.0 - inside) ** 3))
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from kiteocp.analysis.estimation.wind import reference_height
+from kiteocp.analysis.estimation.wind import ground_height
 from kiteocp.analysis.flights import FlightData
 from kiteocp.cycle.phases import KINDS, PHASES, PhaseName
 from kiteocp.errors import InputError
@@ -167,7 +167,7 @@ def _once(result: Result, values: ParameterValues, rate: float) -> dict[str, Any
         "azimuthal_speed_m_s": columns["tangential_speed_m_s"] * np.sin(np.radians(course)),
         "reeling_speed_m_s": columns["radial_speed_m_s"],
         "tether_force_ground_N": columns["tether_force_ground_N"],
-        "ground_wind_speed_m_s": columns["reference_wind_speed_m_s"],
+        "ground_wind_speed_m_s": columns["ground_wind_speed_m_s"],
         "apparent_wind_speed_m_s": columns["apparent_wind_speed_m_s"],
         "power_setting": np.where(phase_of == "retraction", 0.0, 1.0),
     }
@@ -181,7 +181,7 @@ _QUANTITIES = (
     "tangential_speed_m_s",
     "apparent_wind_speed_m_s",
     "tether_force_ground_N",
-    "reference_wind_speed_m_s",
+    "ground_wind_speed_m_s",
 )
 
 
@@ -202,7 +202,7 @@ def _state_function(structure: Structure, name: PhaseName) -> ca.Function:
         state.tangential_speed,
         state.apparent_wind_speed,
         state.tether_force_ground,
-        model.wind_speed(reference_height(parameters)),
+        model.wind_speed(ground_height(parameters)),
     )
     return ca.Function("state", [inputs, parameters.vector], [ca.densify(ca.vertcat(*outputs))])
 

@@ -27,8 +27,8 @@ SPEED_KEYS = ("environment.wind.reference_speed_m_s", "environment.wind.speeds_m
 #: Where a factor on the wind speed is looked for, an angle (deg), and what an airspeed sensor shows of the airspeed.
 SCALES, ANGLES_DEG, GAINS = (0.05, 20.0), (-120.0, 120.0), (0.3, 3.0)
 
-#: A factor whose interval is wider than this share of it to either side is not worth reporting as known.
-USEFUL_SHARE = 0.3
+#: Height at which wind is measured by convention (World Meteorological Organization), m.
+STANDARD_HEIGHT_M = 10.0
 
 #: Samples below which no wind is estimated.
 FEWEST_SAMPLES = 20
@@ -129,7 +129,7 @@ def wind_from_ground(flight: FlightData, problem: Problem, *, height_m: float | 
     flight, problem
         What was flown, and the wind profile.
     height_m
-        Height of the sensor; the reference height of the profile where left out.
+        Height of the sensor; `ground_height` where left out.
 
     Raises
     ------
@@ -143,10 +143,12 @@ def wind_from_ground(flight: FlightData, problem: Problem, *, height_m: float | 
             file=flight.name,
         )
     values = parameter_values(problem)
-    height = reference_height(values) if height_m is None else height_m
+    height = float(ground_height(values)) if height_m is None else height_m
     speed = float(_wind_function(values.structure)(height, values.vector))
     if not speed > 0:
-        raise InputError(f"the wind profile has no wind at {height:g} m; give the height of the sensor", file=flight.name)
+        raise InputError(
+            f"the wind profile has no wind at {height:g} m; give the height of the sensor", file=flight.name
+        )
     scale = found.mean / speed
     estimate = WindEstimate(
         "ground",
@@ -231,7 +233,7 @@ def wind_from_airspeed(flight: FlightData, problem: Problem, *, calibrate: bool 
 
 
 def _starting_scales(values: ParameterValues, flight: FlightData) -> tuple[float, ...]:
-    """Return the wind of the problem, and winds of 4 and 12 m/s at the mean height of the flight, as scales."""
+    """Return the wind of the problem, and 4 and 12 m/s at the mean height of the flight, as scales."""
     height = float(np.nanmean(flight.distance_m * np.sin(np.radians(flight.elevation_deg))))
     speed = max(float(_wind_function(values.structure)(height, values.vector)), 0.1)
     return 1.0, 4.0 / speed, 12.0 / speed
@@ -274,6 +276,11 @@ def reference_height(numbers: Any) -> Any:
     if "environment.wind.reference_height_m" in numbers:
         return numbers["environment.wind.reference_height_m"]
     return numbers["environment.wind.heights_m[0]"] if "environment.wind.heights_m[0]" in numbers else 10.0
+
+
+def ground_height(numbers: Any) -> Any:
+    """Height of a wind sensor at the ground where none is given: that of the profile, but 10 m at most (the standard)."""
+    return ca.fmin(reference_height(numbers), STANDARD_HEIGHT_M)
 
 
 @lru_cache(maxsize=32)

@@ -1,0 +1,54 @@
+"""The estimated kite as a problem file, for the other verbs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import yaml
+
+from kiteocp.analysis.estimation.study import Estimation
+from kiteocp.analysis.estimation.wind import wind_speeds
+from kiteocp.physics.parameters import parameter_values
+from kiteocp.problem import Problem
+
+FILE = "estimated.yaml"
+
+#: Digits of what is estimated; more would pretend.
+DIGITS = 5
+
+
+def estimated_problem(estimation: Estimation) -> Problem:
+    """Return the problem with the estimated coefficients and wind, and with their standard errors as uncertainties."""
+    fit = estimation.fit.fit
+    changes: dict[str, Any] = {key: _rounded(value) for key, value in estimation.fit.changes().items()}
+    errors = {key: fit.parameter(key.removeprefix("kite."))["standard_error"] for key in changes}
+    wind = estimation.wind
+    for key, speed in wind_speeds(parameter_values(estimation.problem)).items():
+        changes[key] = _rounded(wind.scale * speed)
+        if wind.scale_standard_error is not None:
+            errors[key] = wind.scale_standard_error * speed
+    uncertain = {
+        f"uncertainty.{key}": {"standard_deviation": _rounded(error)} for key, error in errors.items() if error > 0
+    }
+    names = {
+        "name": f"{estimation.problem.name}-estimated"[:100],
+        "source": f"estimated by kiteocp from the flight {estimation.flight.name}; the rest as {estimation.problem.name}",
+    }
+    return estimation.problem.with_values({**changes, **uncertain, **names})
+
+
+def problem_yaml(estimation: Estimation) -> str:
+    """Return the content of `FILE`."""
+    wind = estimation.wind
+    lines = [
+        f"# {estimation.problem.name} with what the flight {estimation.flight.name} shows: coefficients by the fit, wind by",
+        f"# {wind.source} (it blows {wind.direction_offset_deg:+.1f} deg from the azimuth zero of the flight).",
+        "# The standard errors are those of the estimate; what the model leaves out is not in them.",
+        "",
+    ]
+    given = estimated_problem(estimation).origin.given
+    return "\n".join(lines) + yaml.safe_dump(dict(given), sort_keys=False, allow_unicode=True, width=110)
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.{DIGITS}g}")

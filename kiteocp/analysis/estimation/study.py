@@ -1,0 +1,372 @@
+"""Aerodynamics from a flight: wind, coefficients of every sample, averages by phase, the fit, and what they are worth."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from kiteocp.analysis.estimation.averages import Average, average
+from kiteocp.analysis.estimation.bias import RoundTrip, round_trip
+from kiteocp.analysis.estimation.fit import WIND, CoefficientFit, fit_coefficients
+from kiteocp.analysis.estimation.inversion import COEFFICIENTS, Inversion, invert
+from kiteocp.analysis.estimation.robust import NORMAL
+from kiteocp.analysis.estimation.wind import (
+    FEWEST_SAMPLES,
+    WindEstimate,
+    wind_from_airspeed,
+    wind_from_ground,
+    wind_of_problem,
+)
+from kiteocp.analysis.flights import FLIGHT_PHASES, FlightData
+from kiteocp.errors import CycleError, InputError
+from kiteocp.problem import Problem
+from kiteocp.result import Result
+
+FloatArray = NDArray[np.float64]
+
+WindSource = Literal["airspeed", "ground", "fit", "problem"]
+WIND_SOURCES: tuple[WindSource, ...] = ("airspeed", "ground", "fit", "problem")
+
+#: The two ways to the coefficients of a sample.
+WAYS = ("paper", "exact")
+
+#: A sample counts as an outlier of its phase where a coefficient is so many robust standard deviations off the median.
+OUTLIER = 6.0
+JUDGED_BY = ("lift_coefficient", "kite_drag_coefficient", "kite_lift_to_drag")
+
+#: Median resultant coefficients that no kite has: problem and flight do not belong together, or a unit is wrong.
+CREDIBLE = (0.02, 4.0)
+
+
+@dataclass(frozen=True)
+class PhaseEstimate:
+    """Coefficients of one phase by one way.
+
+    Attributes
+    ----------
+    averages
+        By name of `COEFFICIENTS` (the paper's also ``kinematic_ratio``), over the samples used.
+    samples, used
+        Of the phase, and of them with an answer that is no outlier.
+    rejected
+        The others by reason, ``outlier`` among them.
+    """
+
+    averages: Mapping[str, Average]
+    samples: int
+    used: int
+    rejected: Mapping[str, int]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the keys of the summary."""
+        return {
+            **{name: found.to_dict() for name, found in self.averages.items()},
+            "samples": self.samples,
+            "used": self.used,
+            "rejected": dict(self.rejected),
+        }
+
+
+@dataclass(frozen=True)
+class Estimation:
+    """What a flight tells of the kite and of the wind.
+
+    Attributes
+    ----------
+    flight
+        The cycles used, in the frame of the estimated wind.
+    problem, estimated
+        As given, and with the fitted coefficients and the wind.
+    wind
+        The wind used.
+    inversion
+        Coefficients of every sample.
+    phases
+        By phase and way.
+    fit
+        Coefficients by setting, at the wind used.
+    fit_with_wind
+        The same with the wind free: what the equilibrium alone says of it.
+    round_trip
+        The bias of the paper's formulas for this kite; None where no cycle of it can be flown.
+    warnings
+        One sentence each.
+    """
+
+    flight: FlightData
+    problem: Problem
+    estimated: Problem
+    wind: WindEstimate
+    inversion: Inversion
+    phases: Mapping[str, Mapping[str, PhaseEstimate]]
+    fit: CoefficientFit
+    fit_with_wind: CoefficientFit
+    round_trip: RoundTrip | None
+    warnings: tuple[str, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return ``estimates`` of the summary."""
+        return {
+            "flight": self.flight.name,
+            "cycles": list(self.flight.cycles()),
+            "samples": len(self.flight),
+            "repaired_or_dropped_in_reading": dict(self.flight.counts),
+            "wind": self.wind.to_dict(),
+            "phases": {
+                phase: {way: found.to_dict() for way, found in ways.items()} for phase, ways in self.phases.items()
+            },
+            "fit": self.fit.to_dict(),
+            "fit_with_wind": self.fit_with_wind.to_dict(),
+            "round_trip": None if self.round_trip is None else self.round_trip.to_dict(),
+        }
+
+    def result(self) -> Result:
+        """Return the estimation as a result of the verb ``estimate``, to be saved and drawn."""
+        return Result(
+            verb="estimate",
+            problem=self.problem,
+            warnings=self.warnings,
+            channels=self.channels(),
+            details={"estimates": self.to_dict()},
+        )
+
+    def channels(self) -> dict[str, NDArray[Any]]:
+        """Return the time series: what was measured, and what every sample says."""
+        flight, found = self.flight, self.inversion.quantities
+        kite_speed = np.sqrt(flight.radial_speed_m_s**2 + flight.polar_speed_m_s**2 + flight.azimuthal_speed_m_s**2)
+        measured = {
+            "time_s": flight.time_s,
+            "phase": flight.phase,
+            "cycle": flight.cycle.astype(float),
+            "tether_length_m": flight.tether_length_m,
+            "distance_m": flight.distance_m,
+            "elevation_deg": flight.elevation_deg,
+            "azimuth_deg": flight.azimuth_deg,
+            "height_m": flight.height_m,
+            "course_deg": flight.course_deg,
+            "reeling_speed_m_s": flight.reeling_speed_m_s,
+            "kite_speed_m_s": kite_speed,
+            "tether_force_ground_N": flight.tether_force_ground_N,
+            "power_W": flight.tether_force_ground_N * flight.reeling_speed_m_s,
+            "measured_apparent_wind_speed_m_s": flight.apparent_wind_speed_m_s,
+        }
+        derived = {
+            "kinematic_ratio": found["paper.kinematic_ratio"],
+            **{name: found[name] for name in _DERIVED},
+            **{f"{way}_{name}": found[f"{way}.{name}"] for way in WAYS for name in COEFFICIENTS},
+        }
+        return {**measured, **derived}
+
+
+_DERIVED = ("wind_speed_m_s", "apparent_wind_speed_m_s", "radial_apparent_wind_speed_m_s", "aerodynamic_force_N")
+
+
+def estimate(
+    flight: FlightData,
+    problem: Problem,
+    *,
+    wind: WindSource | None = None,
+    cycles: Collection[int] | None = None,
+    calibrate: bool = True,
+    ground_height_m: float | None = None,
+) -> Estimation:
+    """Estimate coefficients and wind from a flight.
+
+    Parameters
+    ----------
+    flight
+        What was measured.
+    problem
+        Area, masses, tether, air and the shape of the wind profile; its coefficients are not used.
+    wind
+        Where the wind at the kite comes from: ``airspeed`` (`wind_from_airspeed`), ``ground`` (`wind_from_ground`),
+        ``fit`` (the equilibrium itself) or ``problem``; the first of airspeed, ground and problem that the flight has
+        where left out.
+    cycles
+        Numbers of the cycles to use; all where left out.
+    calibrate, ground_height_m
+        As of `wind_from_airspeed` and `wind_from_ground`.
+
+    Raises
+    ------
+    InputError
+        There is no such cycle, too little data, or flight and problem do not belong together.
+    """
+    chosen = _chosen(flight, cycles)
+    warnings: list[str] = []
+    source = wind or _available(chosen)
+    start = _wind(chosen, problem, _available(chosen) if source == "fit" else source, calibrate, ground_height_m)
+    turned, blown = start.turned(chosen), start.applied(problem)
+    inversion = invert(turned, blown)
+    _check_credible(inversion, turned, problem)
+    fit_with_wind = fit_coefficients(turned, blown, inversion, fit_wind=True)
+    found = start
+    if source == "fit":
+        found = fitted_wind(fit_with_wind, start, problem)
+        if fit_with_wind.wind_identified:
+            turned, blown = found.turned(chosen), found.applied(problem)
+            inversion = invert(turned, blown)
+        else:
+            found = start
+            warnings.append(
+                "the equilibrium does not tell the wind from the coefficients (the factor on the wind is "
+                f"{_interval(fit_with_wind.fit.interval(WIND[0]))}); the wind is that of the {start.source}"
+            )
+    fit = fit_coefficients(turned, blown, inversion)
+    for setting in ("powered", "depowered"):
+        if setting not in fit.samples:
+            warnings.append(f"the flight has too few {setting} samples; those coefficients stay as in the problem")
+    estimated = blown.with_values(fit.changes())
+    trip = _round_trip(estimated, problem)
+    if trip is None:
+        warnings.append("no cycle of this kite can be flown as prescribed: the bias of the paper's formulas is unknown")
+    warnings += _disagreements(found, fit_with_wind, start, source)
+    return Estimation(
+        flight=turned,
+        problem=problem,
+        estimated=estimated,
+        wind=found,
+        inversion=inversion,
+        phases=_phase_estimates(turned, inversion),
+        fit=fit,
+        fit_with_wind=fit_with_wind,
+        round_trip=trip,
+        warnings=tuple(warnings),
+    )
+
+
+def fitted_wind(fit: CoefficientFit, start: WindEstimate, problem: Problem) -> WindEstimate:
+    """Return the wind of a fit with the wind free, relative to the problem; `start` is the wind it was fitted from."""
+    scale, direction = (fit.fit.parameter(name) for name in WIND)
+    interval, angles = fit.fit.interval(WIND[0]), fit.fit.interval(WIND[1])
+    reference = wind_of_problem(problem)
+    total = start.scale * scale["value"]
+    return WindEstimate(
+        "fit",
+        total,
+        start.direction_offset_deg + direction["value"],
+        start.scale * scale["standard_error"],
+        direction["standard_error"],
+        (start.scale * interval[0], start.scale * interval[1]),
+        (start.direction_offset_deg + angles[0], start.direction_offset_deg + angles[1]),
+        correlation=fit.fit.correlation_of(*WIND),
+        samples=sum(fit.samples.values()),
+        effective_samples=scale["effective_samples"],
+        outliers=sum(fit.outliers.values()),
+        residual_m_s=float(np.max(fit.fit.scales)),
+        reference_speed_m_s=total * (reference.reference_speed_m_s or 0.0),
+        reference_height_m=reference.reference_height_m,
+    )
+
+
+def _chosen(flight: FlightData, cycles: Collection[int] | None) -> FlightData:
+    if cycles is None:
+        return flight
+    known = flight.cycles()
+    if absent := sorted(set(cycles) - set(known)):
+        raise InputError(
+            f"has no cycle {absent[0]}; it has {', '.join(map(str, known)) or 'no numbered cycles'}", file=flight.name
+        )
+    return flight.select(cycles)
+
+
+def _available(flight: FlightData) -> WindSource:
+    if np.count_nonzero(np.isfinite(flight.apparent_wind_speed_m_s)) >= FEWEST_SAMPLES:
+        return "airspeed"
+    return "ground" if np.count_nonzero(np.isfinite(flight.ground_wind_speed_m_s)) >= FEWEST_SAMPLES else "problem"
+
+
+def _wind(
+    flight: FlightData, problem: Problem, source: WindSource, calibrate: bool, height_m: float | None
+) -> WindEstimate:
+    if source == "airspeed":
+        return wind_from_airspeed(flight, problem, calibrate=calibrate)
+    return wind_from_ground(flight, problem, height_m=height_m) if source == "ground" else wind_of_problem(problem)
+
+
+def _check_credible(inversion: Inversion, flight: FlightData, problem: Problem) -> None:
+    """Refuse a flight that cannot be one of this kite."""
+    if not np.any(np.isin(flight.phase, ["traction", "transition", "retraction"])):
+        raise InputError("has no sample of a retraction, transition or traction; check the phase labels of the column "
+                         "map", file=flight.name)
+    resultant = inversion.quantities["exact.resultant_coefficient"]
+    finite = resultant[np.isfinite(resultant)]
+    if finite.size < FEWEST_SAMPLES:
+        raise InputError(
+            f"gives {finite.size} samples with an answer for {problem.name}; check the wind, the units of the column "
+            "map and the problem",
+            file=flight.name,
+        )
+    typical = float(np.median(finite))
+    if not CREDIBLE[0] < typical < CREDIBLE[1]:
+        raise InputError(
+            f"gives a median C_R of {typical:.3g} for {problem.name}; check kite.projected_area_m2, the wind and the "
+            "unit of the tether force",
+            file=flight.name,
+        )
+
+
+def _phase_estimates(flight: FlightData, inversion: Inversion) -> dict[str, dict[str, PhaseEstimate]]:
+    return {
+        phase: {way: _phase_estimate(flight, inversion, flight.phase == phase, way) for way in WAYS}
+        for phase in FLIGHT_PHASES
+        if np.any(flight.phase == phase)
+    }
+
+
+def _phase_estimate(flight: FlightData, inversion: Inversion, inside: NDArray[np.bool_], way: str) -> PhaseEstimate:
+    quantities = {
+        name: inversion.quantities[f"{way}.{name}"][inside]
+        for name in (*COEFFICIENTS, "kinematic_ratio")
+        if f"{way}.{name}" in inversion.quantities
+    }
+    answered = np.isfinite(quantities["lift_coefficient"])
+    outlying = np.zeros_like(answered)
+    for name in JUDGED_BY:
+        values = quantities[name]
+        if answered.any():
+            median = np.median(values[answered])
+            spread = NORMAL * np.median(np.abs(values[answered] - median))
+            # The smallest spread is rounding, in a flight without errors.
+            outlying |= answered & (np.abs(values - median) > OUTLIER * max(spread, 1e-6 * abs(median)))
+    used = answered & ~outlying
+    time = flight.time_s[inside]
+    rejected = inversion.counts(way, inside)
+    if outlying.any():
+        rejected["outlier"] = int(outlying.sum())
+    averages = {name: average(time, np.where(used, values, np.nan)) for name, values in quantities.items()}
+    return PhaseEstimate(averages, int(inside.sum()), int(used.sum()), rejected)
+
+
+def _round_trip(estimated: Problem, problem: Problem) -> RoundTrip | None:
+    """The estimated kite as prescribed, or the given one where that cannot be flown."""
+    for candidate in (estimated, problem):
+        try:
+            return round_trip(candidate)
+        except CycleError:
+            continue
+    return None
+
+
+def _disagreements(
+    found: WindEstimate, fit: CoefficientFit, start: WindEstimate, source: WindSource
+) -> list[str]:
+    """Say where the wind used and the wind of the equilibrium contradict each other."""
+    if source == "fit" or not fit.wind_identified or found.scale_standard_error is None:
+        return []
+    factor = fit.fit.parameter(WIND[0])
+    error = float(np.hypot(found.scale_standard_error / found.scale, factor["standard_error"]))
+    if abs(factor["value"] - 1.0) <= 1.96 * error:
+        return []
+    return [
+        f"by the equilibrium the wind is {factor['value']:.2f} times that of the {found.source} "
+        f"({_interval(fit.fit.interval(WIND[0]))}), more than both errors explain; compare --wind fit"
+    ]
+
+
+def _interval(ends: tuple[float, float]) -> str:
+    return f"{ends[0]:.3g} to {ends[1]:.3g}"
