@@ -8,7 +8,19 @@ from collections.abc import Sequence
 from types import ModuleType
 
 import kiteocp
-from kiteocp.cli import check, crosswind, list_problems, new, plot, schema, sensitivity, simulate, solve, validate
+from kiteocp.cli import (
+    check,
+    crosswind,
+    estimate,
+    list_problems,
+    new,
+    plot,
+    schema,
+    sensitivity,
+    simulate,
+    solve,
+    validate,
+)
 from kiteocp.cli.output import complain, prepare_streams, say
 from kiteocp.cli.parser import Parser, nearest
 from kiteocp.errors import InputError, KiteocpError
@@ -16,7 +28,7 @@ from kiteocp.errors import InputError, KiteocpError
 #: The verbs, in the order of the help: one module each.
 VERBS: dict[str, ModuleType] = {
     module.NAME: module
-    for module in (list_problems, new, check, schema, simulate, solve, sensitivity, crosswind, validate, plot)
+    for module in (list_problems, new, check, schema, simulate, solve, sensitivity, crosswind, validate, estimate, plot)
 }
 
 EXIT_FAILED = 1

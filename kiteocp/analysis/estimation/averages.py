@@ -87,7 +87,9 @@ def average(time_s: FloatArray, values: FloatArray) -> Average:
     # The spread about the sample's own mean is less than that about the true one.
     error = spread / np.sqrt(max(effective - 1.0, 0.5))
     half = error * quantile(effective)
-    return Average(mean, float(error), float(mean - half), float(mean + half), count, effective, 0.5 * count / effective * step)
+    return Average(
+        mean, float(error), float(mean - half), float(mean + half), count, effective, 0.5 * count / effective * step
+    )
 
 
 def quantile(effective: float) -> float:

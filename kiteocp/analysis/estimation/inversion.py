@@ -1,4 +1,4 @@
-"""Aerodynamic coefficients of every sample of a flight: the model's own equilibrium solved for them, and the paper's way.
+"""Coefficients of every sample of a flight: the model's own equilibrium solved for them, and the paper's way.
 
 The force balance gives the aerodynamic force from the tether force at the ground and the weights, as in
 `Model.state_at_force`; wind and velocity of the kite give the apparent wind. *Exact*: the magnitude of the force is
@@ -125,7 +125,7 @@ def _exact(wind: ApparentWind, resultant: Any) -> dict[str, Any]:
 
 
 def _paper(wind: ApparentWind, resultant: Any, course: Any) -> dict[str, Any]:
-    """Coefficients by the paper's formulas, in the order of `COEFFICIENTS`, and the stages of the lift-to-drag ratio."""
+    """Coefficients by the paper's formulas, in the order of `COEFFICIENTS`, and the stages of its iteration."""
     around = wind.around
     # eq:v_a_inertial_solved
     kappa = ca.sqrt((wind.speed / wind.velocity[0]) ** 2 - 1)

@@ -25,14 +25,15 @@ def estimated_problem(estimation: Estimation) -> Problem:
     wind = estimation.wind
     for key, speed in wind_speeds(parameter_values(estimation.problem)).items():
         changes[key] = _rounded(wind.scale * speed)
-        if wind.scale_standard_error is not None:
+        # The entries of a table share one error, which the uncertainties of a problem file cannot say.
+        if wind.scale_standard_error is not None and not key.endswith("]"):
             errors[key] = wind.scale_standard_error * speed
     uncertain = {
         f"uncertainty.{key}": {"standard_deviation": _rounded(error)} for key, error in errors.items() if error > 0
     }
     names = {
         "name": f"{estimation.problem.name}-estimated"[:100],
-        "source": f"estimated by kiteocp from the flight {estimation.flight.name}; the rest as {estimation.problem.name}",
+        "source": f"estimated from the flight {estimation.flight.name}; the rest as {estimation.problem.name}",
     }
     return estimation.problem.with_values({**changes, **uncertain, **names})
 
@@ -41,8 +42,8 @@ def problem_yaml(estimation: Estimation) -> str:
     """Return the content of `FILE`."""
     wind = estimation.wind
     lines = [
-        f"# {estimation.problem.name} with what the flight {estimation.flight.name} shows: coefficients by the fit, wind by",
-        f"# {wind.source} (it blows {wind.direction_offset_deg:+.1f} deg from the azimuth zero of the flight).",
+        f"# {estimation.problem.name} with what the flight {estimation.flight.name} shows: coefficients by the fit,",
+        f"# wind by {wind.source} (it blows {wind.direction_offset_deg:+.1f} deg from the azimuth zero of the flight).",
         "# The standard errors are those of the estimate; what the model leaves out is not in them.",
         "",
     ]

@@ -176,7 +176,6 @@ def _reweighted(
     residuals: Residuals, start: FloatArray, reach: FloatArray, lower: FloatArray, upper: FloatArray
 ) -> FloatArray:
     """Minimise Tukey's loss by reweighted Gauss-Newton steps, halved while they do not lower it."""
-
     values = start
     found, slopes = residuals(values)
     for _ in range(SECOND_ROUNDS):

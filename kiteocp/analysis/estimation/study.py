@@ -1,4 +1,4 @@
-"""Aerodynamics from a flight: wind, coefficients of every sample, averages by phase, the fit, and what they are worth."""
+"""Aerodynamics from a flight: wind, coefficients of every sample, averages by phase, and the fit."""
 
 from __future__ import annotations
 
@@ -291,8 +291,10 @@ def _wind(
 def _check_credible(inversion: Inversion, flight: FlightData, problem: Problem) -> None:
     """Refuse a flight that cannot be one of this kite."""
     if not np.any(np.isin(flight.phase, ["traction", "transition", "retraction"])):
-        raise InputError("has no sample of a retraction, transition or traction; check the phase labels of the column "
-                         "map", file=flight.name)
+        raise InputError(
+            "has no sample of a retraction, transition or traction; check the phase labels of the column map",
+            file=flight.name,
+        )
     resultant = inversion.quantities["exact.resultant_coefficient"]
     finite = resultant[np.isfinite(resultant)]
     if finite.size < FEWEST_SAMPLES:
@@ -343,7 +345,7 @@ def _phase_estimate(flight: FlightData, inversion: Inversion, inside: NDArray[np
 
 
 def _round_trip(estimated: Problem, problem: Problem) -> RoundTrip | None:
-    """The estimated kite as prescribed, or the given one where that cannot be flown."""
+    """Fly the estimated kite as prescribed, or the given one where that cannot be flown."""
     for candidate in (estimated, problem):
         try:
             return round_trip(candidate)
@@ -352,9 +354,7 @@ def _round_trip(estimated: Problem, problem: Problem) -> RoundTrip | None:
     return None
 
 
-def _disagreements(
-    found: WindEstimate, fit: CoefficientFit, start: WindEstimate, source: WindSource
-) -> list[str]:
+def _disagreements(found: WindEstimate, fit: CoefficientFit, start: WindEstimate, source: WindSource) -> list[str]:
     """Say where the wind used and the wind of the equilibrium contradict each other."""
     if source == "fit" or not fit.wind_identified or found.scale_standard_error is None:
         return []

@@ -126,7 +126,7 @@ def flight_of_result(
 
 
 def _times(result: Result, rate: float) -> FloatArray:
-    """Times of the samples: evenly from the start, without the very end, where the next cycle begins."""
+    """Return the times of the samples: evenly from the start, without the very end, where the next cycle begins."""
     end = float(result["time_s"][-1])
     return np.arange(0.0, end - 1e-9, 1.0 / rate)
 

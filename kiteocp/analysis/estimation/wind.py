@@ -275,11 +275,13 @@ def reference_height(numbers: Any) -> Any:
     """
     if "environment.wind.reference_height_m" in numbers:
         return numbers["environment.wind.reference_height_m"]
-    return numbers["environment.wind.heights_m[0]"] if "environment.wind.heights_m[0]" in numbers else 10.0
+    if "environment.wind.heights_m[0]" in numbers:
+        return numbers["environment.wind.heights_m[0]"]
+    return STANDARD_HEIGHT_M
 
 
 def ground_height(numbers: Any) -> Any:
-    """Height of a wind sensor at the ground where none is given: that of the profile, but 10 m at most (the standard)."""
+    """Height of a wind sensor at the ground where none is given: that of the profile, 10 m at most."""
     return ca.fmin(reference_height(numbers), STANDARD_HEIGHT_M)
 
 

@@ -1,0 +1,121 @@
+"""Estimate lift, drag and wind from a recorded flight, by the paper's formulas and by the model itself."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from typing import TYPE_CHECKING
+
+from kiteocp.cli.calculation import load, output_directory
+from kiteocp.cli.output import say
+from kiteocp.cli.parser import add_overrides, add_picture_format, positive_number
+from kiteocp.errors import InputError
+
+if TYPE_CHECKING:
+    from kiteocp.analysis.estimation.study import Estimation
+    from kiteocp.problem import Problem
+
+NAME = "estimate"
+HELP = "estimate the aerodynamics of a kite, and the wind, from flight data"
+
+#: Named here, so that a mistyped one is answered without loading what computes.
+WIND_SOURCES = ("airspeed", "ground", "fit", "problem")
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Add flight, problem, and where the wind comes from."""
+    parser.add_argument("flight", metavar="FLIGHT.csv", help="the recording")
+    parser.add_argument(
+        "--system",
+        metavar="PROBLEM",
+        required=True,
+        help="shipped problem or problem file with area, masses, tether and wind profile, as v9-kite",
+    )
+    parser.add_argument(
+        "--columns", metavar="MAP", help="column map: a shipped name or a file (default: the shipped one that fits)"
+    )
+    parser.add_argument(
+        "--cycles", type=_cycles, metavar="N,N", help="numbers of the cycles to use, as 0,1 or 0-3 (default: all)"
+    )
+    parser.add_argument(
+        "--wind",
+        choices=WIND_SOURCES,
+        help="where the wind at the kite comes from: the airspeed sensor, the sensor at the ground and the profile, "
+        "the force equilibrium itself, or the problem (default: the first of airspeed, ground and problem that there is)",
+    )
+    parser.add_argument(
+        "--trust-airspeed",
+        dest="calibrate",
+        action="store_false",
+        help="take the airspeed sensor at its word instead of finding its gain along with the wind",
+    )
+    parser.add_argument(
+        "--ground-height",
+        type=positive_number,
+        metavar="M",
+        help="height of the wind sensor at the ground (default: that of the profile, 10 m at most)",
+    )
+    add_overrides(parser)
+    parser.add_argument("-o", "--output", metavar="DIR", help="where to write (default results/<problem>/estimate)")
+    parser.add_argument("--no-plot", dest="plot", action="store_false", help="write no picture")
+    add_picture_format(parser)
+    parser.add_argument("--json", action="store_true", help="print the summary as JSON instead of the tables")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Estimate, save, print and draw."""
+    from kiteocp.analysis.estimation.replacement import FILE, problem_yaml  # noqa: PLC0415  (keeps --help fast)
+    from kiteocp.analysis.estimation.report import format_estimates  # noqa: PLC0415
+    from kiteocp.result import write_atomically  # noqa: PLC0415
+
+    problem = load(arguments.system, arguments.overrides)
+    directory = output_directory(arguments.output, problem, NAME)
+    estimation = _estimated(arguments, problem)
+    result = estimation.result()
+    written = result.save(directory)
+    write_atomically({directory / FILE: problem_yaml(estimation).encode()})
+    written.append(directory / FILE)
+    say(json.dumps(result.summary(), indent=2, ensure_ascii=False) if arguments.json else format_estimates(result))
+    try:
+        if arguments.plot:
+            from kiteocp.plots.estimate import plot_estimate  # noqa: PLC0415  (matplotlib only for a picture)
+
+            written += plot_estimate(result, directory / "estimate", arguments.formats or ("png",))
+    finally:
+        if not arguments.json:
+            say("written: " + ", ".join(str(path) for path in written))
+    return 0
+
+
+def _estimated(arguments: argparse.Namespace, problem: Problem) -> Estimation:
+    from kiteocp.analysis.estimation.study import estimate  # noqa: PLC0415
+    from kiteocp.analysis.flights import load_flight  # noqa: PLC0415
+
+    flight = load_flight(arguments.flight, arguments.columns)
+    if not (flight.phase == "traction").any():
+        raise InputError(
+            "has no sample of the traction; check the phase labels of the column map", file=str(arguments.flight)
+        )
+    return estimate(
+        flight,
+        problem,
+        wind=arguments.wind,
+        cycles=arguments.cycles,
+        calibrate=arguments.calibrate,
+        ground_height_m=arguments.ground_height,
+    )
+
+
+def _cycles(text: str) -> tuple[int, ...]:
+    """Return the cycle numbers of a list such as ``0,2-4``; for ``type=``."""
+    numbers: set[int] = set()
+    for part in text.split(","):
+        first, dash, last = part.strip().partition("-")
+        try:
+            low = int(first)
+            numbers.update(range(low, int(last if dash else first) + 1))
+        except ValueError:
+            raise argparse.ArgumentTypeError(f"'{text}' is no list of cycle numbers, such as 0,1 or 0-3") from None
+    if not numbers:
+        raise argparse.ArgumentTypeError(f"'{text}' names no cycle; give numbers such as 0,1 or 0-3")
+    return tuple(sorted(numbers))
