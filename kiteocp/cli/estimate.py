@@ -41,7 +41,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         "--wind",
         choices=WIND_SOURCES,
         help="where the wind at the kite comes from: the airspeed sensor, the sensor at the ground and the profile, "
-        "the force equilibrium itself, or the problem (default: the first of airspeed, ground and problem that there is)",
+        "the force equilibrium itself, or the problem (default: the first of airspeed, ground and problem there is)",
     )
     parser.add_argument(
         "--trust-airspeed",

@@ -35,6 +35,10 @@ def run(arguments: argparse.Namespace) -> int:
         from kiteocp.plots.crosswind import plot_crosswind  # noqa: PLC0415
 
         written = plot_crosswind(result, output / "crosswind", formats)
+    elif "estimates" in result.details:
+        from kiteocp.plots.estimate import plot_estimate  # noqa: PLC0415
+
+        written = plot_estimate(result, output / "estimate", formats)
     else:
         from kiteocp.plots import plot_result  # noqa: PLC0415
 

@@ -4,9 +4,9 @@ A sample is in equilibrium where its apparent wind has the magnitude that the me
 that force which the coefficients ask for. What remains is a speed (m/s) in two directions: along the apparent wind,
 ``|v_a| - sqrt(2 F_a / (rho C_R S))``, and across it, ``|v_a| (angle - atan2(C_L, C_D))``. Together they are the
 smallest change of the wind at the kite that would put the sample in equilibrium: a gust. That is why the fit goes this
-way around. A gust enters both residuals as itself, of like size in all phases, and every sample has them; the force that a
-reeling speed predicts would be the square of a small difference of wind and reeling speed, and the speed that a force
-predicts the root of what a gust may make negative. The noise of a speed is always counted as more apparent wind: C_R
+way around. A gust enters both residuals as itself, of like size in all phases, and every sample has them; the force
+that a reeling speed predicts would be the square of a small difference of wind and reeling speed, and the speed that a
+force predicts the root of what a gust may make negative. The noise of a speed always counts as more apparent wind: C_R
 comes out too small by some ``2 (noise / v_a)^2``.
 """
 

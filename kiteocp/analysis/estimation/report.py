@@ -34,6 +34,7 @@ def format_estimates(result: Result) -> str:
         "mean and half width of its 95 % interval; n_eff: independent samples that C_L is worth",
         *_table(found),
     ]
+    lines += _wind_effect(found)
     lines += ["", *_rejections(found)]
     lines += ["", *_bias(found["round_trip"], result.problem.name)]
     lines += [f"warning: {text}" for text in result.warnings]
@@ -107,6 +108,18 @@ def _measured(mean: float | None, interval: Sequence[float | None]) -> str:
     if mean is None or interval[0] is None or interval[1] is None or math.isnan(mean):
         return "-"
     return f"{mean:.3f} +-{0.5 * (interval[1] - interval[0]):.3f}"
+
+
+def _wind_effect(found: Mapping[str, Any]) -> list[str]:
+    if not found["wind_effect"]:
+        return []
+    share = 100.0 * found["wind"]["scale_standard_error"] / found["wind"]["scale"]
+    changes: dict[str, list[str]] = {}
+    for name, change in found["wind_effect"].items():
+        setting, _, coefficient = name.partition(".")
+        changes.setdefault(setting, []).append(f"{'C_L' if 'lift' in coefficient else 'C_D,k'} {change:+.3f}")
+    told = "; ".join(f"{setting} {', '.join(parts)}" for setting, parts in changes.items())
+    return [f"the fit takes the wind as known; {share:.1f} % more of it (its standard error) changes {told}"]
 
 
 def _aligned(rows: list[list[str]], rule_before: int) -> list[str]:

@@ -128,7 +128,8 @@ def robust_fit(
 
     def scales_of(found: FloatArray) -> FloatArray:
         parts = [NORMAL * np.median(np.abs(found[groups == group]), axis=0) for group in range(count)]
-        return np.maximum(np.stack(parts), SMALLEST_SCALE)
+        scales: FloatArray = np.maximum(np.stack(parts), SMALLEST_SCALE)
+        return scales
 
     values = np.clip(start, lower + 1e-9 * (upper - lower), upper - 1e-9 * (upper - lower))
     for _ in range(FIRST_ROUNDS):
@@ -144,18 +145,22 @@ def _softly_fitted(
     """Least squares of scaled residuals with the Cauchy loss."""
     last: dict[str, Any] = {}
 
-    # Residuals and derivatives are asked for at the same parameters, one after the other.
-    def both(at: FloatArray) -> tuple[FloatArray, FloatArray]:
-        if "at" not in last or not np.array_equal(last["at"], at):
-            found, slopes = residuals(at)
-            last.update(at=at.copy(), found=(found / scale).ravel())
-            last["slopes"] = (slopes / scale[:, :, None]).reshape(-1, at.size)
-        return last["found"], last["slopes"]
+    # Derivatives are mostly asked for where the residuals just were.
+    def scaled(at: FloatArray) -> FloatArray:
+        found, slopes = residuals(at)
+        last["slopes"] = (slopes / scale[:, :, None]).reshape(-1, at.size)
+        last["at"] = at.copy()
+        return np.asarray(found / scale).ravel()
+
+    def derivatives(at: FloatArray) -> Any:
+        if not np.array_equal(last["at"], at):
+            scaled(at)
+        return last["slopes"]
 
     result = least_squares(
-        lambda at: both(at)[0],
+        scaled,
         start,
-        jac=lambda at: both(at)[1],
+        jac=derivatives,
         bounds=(lower, upper),
         loss="cauchy",
         x_scale="jac",

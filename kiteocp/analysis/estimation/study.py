@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -93,6 +93,9 @@ class Estimation:
         The same with the wind free: what the equilibrium alone says of it.
     round_trip
         The bias of the paper's formulas for this kite; None where no cycle of it can be flown.
+    wind_effect
+        By name of the coefficients of `fit`, their change where the wind is stronger by one standard error of its
+        scale: an error beside those of the fit, which takes the wind as known. None where that error is not known.
     warnings
         One sentence each.
     """
@@ -106,6 +109,7 @@ class Estimation:
     fit: CoefficientFit
     fit_with_wind: CoefficientFit
     round_trip: RoundTrip | None
+    wind_effect: Mapping[str, float] | None
     warnings: tuple[str, ...]
 
     def to_dict(self) -> dict[str, Any]:
@@ -120,6 +124,7 @@ class Estimation:
                 phase: {way: found.to_dict() for way, found in ways.items()} for phase, ways in self.phases.items()
             },
             "fit": self.fit.to_dict(),
+            "wind_effect": None if self.wind_effect is None else dict(self.wind_effect),
             "fit_with_wind": self.fit_with_wind.to_dict(),
             "round_trip": None if self.round_trip is None else self.round_trip.to_dict(),
         }
@@ -235,6 +240,7 @@ def estimate(
         fit=fit,
         fit_with_wind=fit_with_wind,
         round_trip=trip,
+        wind_effect=_wind_effect(turned, problem, found, fit),
         warnings=tuple(warnings),
     )
 
@@ -366,6 +372,17 @@ def _disagreements(found: WindEstimate, fit: CoefficientFit, start: WindEstimate
         f"by the equilibrium the wind is {factor['value']:.2f} times that of the {found.source} "
         f"({_interval(fit.fit.interval(WIND[0]))}), more than both errors explain; compare --wind fit"
     ]
+
+
+def _wind_effect(
+    flight: FlightData, problem: Problem, wind: WindEstimate, fit: CoefficientFit
+) -> dict[str, float] | None:
+    """Fit again in a wind stronger by its standard error; `flight` is already in the frame of the wind."""
+    if not wind.scale_standard_error:
+        return None
+    stronger = replace(wind, scale=wind.scale + wind.scale_standard_error).applied(problem)
+    found = fit_coefficients(flight, stronger, invert(flight, stronger))
+    return {name: found.fit.value(name) - fit.fit.value(name) for name in fit.fit.names if name in found.fit.names}
 
 
 def _interval(ends: tuple[float, float]) -> str:

@@ -213,10 +213,11 @@ def _measured(flight: FlightData, noise: Noise, random: np.random.Generator) -> 
 
     def error(size: float) -> FloatArray:
         white, slow = random.normal(size=(2, len(flight)))
-        return size * np.sqrt(0.5) * (white + _correlated(slow, step / noise.correlation_time_s))
+        found: FloatArray = size * np.sqrt(0.5) * (white + _correlated(slow, step / noise.correlation_time_s))
+        return found
 
     speeds = ("radial_speed_m_s", "polar_speed_m_s", "azimuthal_speed_m_s")
-    changed: dict[str, FloatArray] = {name: getattr(flight, name) + error(noise.speed_m_s) for name in speeds}
+    changed: dict[str, Any] = {name: getattr(flight, name) + error(noise.speed_m_s) for name in speeds}
     changed["reeling_speed_m_s"] = flight.reeling_speed_m_s
     changed["tether_force_ground_N"] = flight.tether_force_ground_N * (1.0 + error(noise.force_share))
     changed["elevation_deg"] = flight.elevation_deg + error(noise.angle_deg)
@@ -232,8 +233,8 @@ def _measured(flight: FlightData, noise: Noise, random: np.random.Generator) -> 
 
 def _correlated(white: FloatArray, decay: float) -> FloatArray:
     """Return a process of first order with unit variance from white noise; `decay` is the step over its time."""
-    keep = np.exp(-decay)
-    series = white * np.sqrt(1.0 - keep**2)
+    keep = float(np.exp(-decay))
+    series: FloatArray = white * float(np.sqrt(1.0 - keep**2))
     series[0] = white[0]
     for i in range(1, series.size):
         series[i] += keep * series[i - 1]
