@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from kiteocp.analysis.flights.comparison import CycleComparison
 from kiteocp.analysis.flights.data import FLIGHT_PHASES
 from kiteocp.analysis.flights.measured import model_lengths
-from kiteocp.analysis.flights.optimum import OptimumStudy
+from kiteocp.analysis.flights.optimum import MANOEUVRES, OptimumStudy
 from kiteocp.analysis.flights.statements import LAW_WORDS, QUANTITY_WORDS
 from kiteocp.analysis.flights.study import FlightStudy
 from kiteocp.plots.style import (
@@ -120,13 +120,14 @@ def _draw_laws(panels: Any, phase: Any, begin: float, end: float) -> None:
     if phase.law is not None:
         law = phase.law
         # A phase that the model flies more slowly is cut where the flown one ends.
-        shown = law.time_s <= (end - begin) + 1e-9
-        time = begin + law.time_s[shown]
+        time = np.linspace(0.0, min(float(law.time_s[-1]), end - begin), 60)
         force, speed = 1e-3 * law.force_N, law.reeling_speed_m_s
         for axes, values in zip(
             panels, (law.tether_length_m, law.elevation_deg, speed, force, force * speed), strict=True
         ):
-            axes.plot(time, values[shown], **LAW_STYLES["constant_force"], label=LAW_WORDS["constant_force"], zorder=4)
+            shown = np.interp(time, law.time_s, values)
+            style = LAW_STYLES["constant_force"]
+            axes.plot(begin + time, shown, **style, label=LAW_WORDS["constant_force"], zorder=4)
     again, path = phase.replayed, phase.replayed.path
     time = begin + path.time_s - path.time_s[0]
     series = {
@@ -229,13 +230,15 @@ def draw_optimum(optimum: OptimumStudy) -> Figure:
     """Return the way from flown to optimal power as a waterfall."""
     figure = make_figure(7.4, 3.6)
     axes = figure.add_axes((0.33, 0.16, 0.64, 0.8))
-    names = ["flown", *optimum.contributions, "optimal"]
+    # What the model leaves out comes between the flight and the model, before what the schedule brings.
+    parts = dict(sorted(optimum.contributions.items(), key=lambda item: item[0] != MANOEUVRES))
+    names = ["flown", *parts, "optimal"]
     level = 1e-3 * optimum.flown_power_W
     axes.barh(0, level, color=GREY)
     axes.annotate(
         f"{level:.1f} kW", (level, 0), xytext=(4, 0), textcoords="offset points", va="center", fontsize=LABEL_SIZE
     )
-    for place, part in enumerate(optimum.contributions.values(), start=1):
+    for place, part in enumerate(parts.values(), start=1):
         change = 1e-3 * part
         axes.barh(
             place, change, left=level, color=PHASE_COLOURS["traction"] if change > 0 else PHASE_COLOURS["retraction"]
@@ -261,6 +264,6 @@ def draw_optimum(optimum: OptimumStudy) -> Figure:
     style_axes(axes)
     axes.set_yticks(range(len(names)), names, fontsize=LABEL_SIZE)
     axes.invert_yaxis()
-    axes.set_xlim(0.0, 1.18 * max(1e-3 * optimum.flown_power_W, level, 1e-3 * (optimum.prescribed_power_W or 0.0)))
+    axes.set_xlim(0.0, 1.18 * 1e-3 * max(optimum.flown_power_W, 1e3 * level, optimum.prescribed_power_W or 0.0))
     axes.set_xlabel("mean cycle power (kW)", fontsize=LABEL_SIZE)
     return figure

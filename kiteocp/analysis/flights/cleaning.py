@@ -72,6 +72,7 @@ def drop_frozen(values: FloatArray, time_s: FloatArray) -> int:
 def drop_spikes(values: FloatArray, time_s: FloatArray) -> int:
     """Set single values far off the median of their neighbours to missing, in place, and return how many.
 
+    A value between those before and after it is none: where a phase ends, force and speed may change in a few samples.
     Recordings so slow that the window would span a manoeuvre are left alone.
     """
     good = np.flatnonzero(np.isfinite(values))
@@ -82,11 +83,15 @@ def drop_spikes(values: FloatArray, time_s: FloatArray) -> int:
     windows = sliding_window_view(np.pad(kept, HAMPEL_SIDE, mode="reflect"), width)
     median = np.median(windows, axis=1)
     deviation = np.median(np.abs(windows - median[:, None]), axis=1)
+    # So few samples happen to lie close together now and then: there the usual deviation counts.
+    deviation = np.maximum(deviation, np.median(deviation))
     # The spread of the recording by quartiles, so that the spikes do not hide themselves.
     spread = float(np.subtract(*np.percentile(kept, [75, 25]))) / 1.349
     spread = max(spread, MAD_TO_SIGMA * float(np.median(np.abs(kept - np.median(kept)))))
     off = np.abs(kept - median)
     spikes = (off > HAMPEL_SIGMAS * MAD_TO_SIGMA * deviation) & (off > HAMPEL_SHARE * spread) & (off > 0)
+    before, after = kept - np.r_[kept[1], kept[:-1]], kept - np.r_[kept[1:], kept[-2]]
+    spikes &= (before * after > 0) & (np.minimum(np.abs(before), np.abs(after)) > 0.5 * off)
     values[good[spikes]] = np.nan
     return int(spikes.sum())
 

@@ -6,6 +6,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from kiteocp.analysis.flights.cleaning import FloatArray
 from kiteocp.analysis.flights.data import FLIGHT_PHASES, FlightData
@@ -31,7 +32,7 @@ class MeasuredPhase:
     tether_length_start_m, tether_length_end_m
         Straight tether lengths as the model knows them (`model_lengths`).
     elevation_start_deg, elevation_end_deg
-        At the first and the last samples.
+        At the first and at the last sample; of transition and turn, which end at an elevation, at the one after it.
     elevation_deg, azimuth_deg, course_deg
         The representative state: means of the cosines (eq:averagepositions), and of the cosine of the course.
     height_m
@@ -106,11 +107,20 @@ def measured_cycle(flight: FlightData, number: int) -> MeasuredCycle:
         phase = cycle.where(among)
         usable = np.isfinite(phase.tether_force_ground_N) & np.isfinite(phase.reeling_speed_m_s)
         if np.count_nonzero(usable & np.isfinite(phase.elevation_deg)) >= FEWEST_SAMPLES:
-            phases[name] = _phase(name, phase, length[among], step)
+            # Where a phase ends at an elevation it ends between two samples.
+            after = _elevation_after(cycle, among, step) if name in ("transition", "turn") else float("nan")
+            phases[name] = _phase(name, phase, length[among], step, after)
     return MeasuredCycle(number, phases)
 
 
-def _phase(name: str, phase: FlightData, length: FloatArray, step: float) -> MeasuredPhase:
+def _elevation_after(cycle: FlightData, among: NDArray[np.bool_], step: float) -> float:
+    """Return the elevation of the sample right after a phase, nan where none follows at once."""
+    last = int(np.flatnonzero(among)[-1])
+    follows = last + 1 < len(cycle) and cycle.time_s[last + 1] - cycle.time_s[last] < 2.0 * step
+    return float(cycle.elevation_deg[last + 1]) if follows else float("nan")
+
+
+def _phase(name: str, phase: FlightData, length: FloatArray, step: float, elevation_after: float) -> MeasuredPhase:
     time = phase.time_s
     duration = float(time[-1] - time[0]) + step
 
@@ -133,7 +143,7 @@ def _phase(name: str, phase: FlightData, length: FloatArray, step: float) -> Mea
         tether_length_start_m=float(length[0]),
         tether_length_end_m=float(length[0]) + speed * duration,
         elevation_start_deg=float(elevation[0]),
-        elevation_end_deg=float(elevation[-1]),
+        elevation_end_deg=elevation_after if np.isfinite(elevation_after) else float(elevation[-1]),
         elevation_deg=angle(phase.elevation_deg),
         azimuth_deg=angle(phase.azimuth_deg),
         course_deg=angle(phase.course_deg),

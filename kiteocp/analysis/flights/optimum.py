@@ -24,6 +24,7 @@ from kiteocp.analysis.flights.data import FlightData
 from kiteocp.analysis.flights.measured import MeasuredCycle, model_lengths
 from kiteocp.analysis.flights.prescribed import operation_of
 from kiteocp.cycle import simulate
+from kiteocp.cycle.phases import PHASE_CHANGES
 from kiteocp.errors import CycleError, InputError, NoEquilibriumError, SolveError
 from kiteocp.ocp.outcome import solve
 from kiteocp.problem import Problem
@@ -49,6 +50,9 @@ FORCE_LIMITS = {"limits.tether_force_max_at": "ground", "limits.tether_force_min
 
 #: Room beyond what the prescribed cycle reaches, so that it is inside.
 WIDER = 1e-3
+
+#: A wind whose relative error is less is that of data without noise.
+KNOWN = 1e-4
 
 #: Factors on the estimated wind between which the matched one is looked for.
 MATCH = (0.7, 1.5)
@@ -206,7 +210,7 @@ def study_optimum(
     limits = flown_limits(flight)
     given = base.with_values({**mean_operation(cycles), **limits, **FORCE_LIMITS})
     factor, message = _matched(given, cycles, wind)
-    problem, limits = _widened(wind_of(given, wind.scale * factor), limits)
+    problem, limits = _widened(wind_of(given, wind.scale * factor), limits, cycles)
     given = given.with_values(limits)
     pause = problem.limits.phase_change_time_s
     optimum = solve(problem)
@@ -227,7 +231,7 @@ def study_optimum(
         optimal_power_W=optimal,
         optimal_band_W=tuple(_optimal(given, (wind.scale + sign * (error or 0.0)) * factor) for sign in (-1, 1)),  # type: ignore[arg-type]
         wind_factor=factor,
-        wind_sigmas=abs(factor - 1.0) * wind.scale / error if error else None,
+        wind_sigmas=abs(factor - 1.0) * wind.scale / error if error and error > KNOWN * wind.scale else None,
         best=optimal_operation(optimum),
         contributions=dict(sorted(contributions.items(), key=lambda item: -abs(item[1]))),
         result=optimum,
@@ -258,8 +262,14 @@ def _matched(problem: Problem, cycles: Sequence[MeasuredCycle], wind: WindEstima
     return float(brentq(excess, *MATCH, xtol=1e-5)), ""
 
 
-def _widened(problem: Problem, limits: Mapping[str, float]) -> tuple[Problem, dict[str, float]]:
-    """Return a problem whose limits hold the cycle that it prescribes, and those limits."""
+def _widened(
+    problem: Problem, limits: Mapping[str, float], cycles: Sequence[MeasuredCycle]
+) -> tuple[Problem, dict[str, float]]:
+    """Return a problem whose limits hold the cycle that it prescribes, and those limits.
+
+    The time by which the flown cycles lasted longer is the time of manoeuvres that the model does not have. The
+    optimum needs it too: it becomes the time of the phase changes.
+    """
     wide = dict(limits)
     try:
         cycle = simulate(problem)
@@ -283,6 +293,8 @@ def _widened(problem: Problem, limits: Mapping[str, float]) -> tuple[Problem, di
         path = f"limits.{key}"
         if sign * reached > sign * wide[path]:
             wide[path] = reached * (1.0 + sign * WIDER)
+    lost = float(np.mean([c.duration_s for c in cycles])) - float(cycle.cycle["duration_s"] or 0.0)
+    wide["limits.phase_change_time_s"] = max(lost, 0.0) / PHASE_CHANGES
     elevation = problem.operation.traction.elevation_deg
     wide["limits.traction_elevation_min_deg"] = min(wide["limits.traction_elevation_min_deg"], elevation)
     wide["limits.traction_elevation_max_deg"] = max(wide["limits.traction_elevation_max_deg"], elevation)

@@ -110,5 +110,5 @@ def _cell(prediction: Prediction | None, factor: float, digits: int) -> str:
     if prediction is None:
         return " " * CELL
     off = 100 * prediction.deviation
-    shown = f"{off:+.0f} %" if abs(off) < 1000 else ">999 %"
+    shown = f"{round(off):+d} %" if abs(off) < 1000 else ">999 %"
     return f"{prediction.predicted * factor:>9.{digits}f}{shown:>7} {MARKS[prediction.verdict]}"
