@@ -183,6 +183,8 @@ def test_command_without_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "summary.json"]
     assert main(["validate", "-o", str(tmp_path), "--no-plot", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == json.loads((tmp_path / "summary.json").read_text())
+    assert main(["plot", str(tmp_path)]) == 2
+    assert "holds two problems" in capsys.readouterr().err
 
 
 @pytest.mark.usefixtures("_computed")
