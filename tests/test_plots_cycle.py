@@ -12,7 +12,7 @@ import pytest
 from made_result import make_optimum, make_result
 
 from kiteocp import InputError
-from kiteocp.plots import plot_cycle, plot_optimum, plot_result
+from kiteocp.plots import draw
 from kiteocp.plots.cycle import compose_cycle, compose_optimum
 from kiteocp.plots.side_view import path_of, segments
 
@@ -21,9 +21,9 @@ def read_picture(path):
     return matplotlib.image.imread(io.BytesIO(path.read_bytes()))[..., :3]
 
 
-@pytest.mark.parametrize(("plot", "make"), [(plot_cycle, make_result), (plot_optimum, make_optimum)])
-def test_picture_shows_something_in_every_quarter(tmp_path, plot, make):
-    (path,) = plot(make(), tmp_path / "cycle")
+@pytest.mark.parametrize("make", [make_result, make_optimum])
+def test_picture_shows_something_in_every_quarter(tmp_path, make):
+    (path,) = draw(make(), tmp_path)
     picture = read_picture(path)
     height, width, _ = picture.shape
     assert height >= 800
@@ -35,15 +35,15 @@ def test_picture_shows_something_in_every_quarter(tmp_path, plot, make):
 
 
 def test_every_format_is_written_and_says_what_it_is(tmp_path):
-    paths = plot_result(make_result(), tmp_path / "deep" / "cycle", ("png", "svg", "pdf"))
+    paths = draw(make_result(), tmp_path / "deep", ("png", "svg", "pdf"))
     assert [path.name for path in paths] == ["cycle.png", "cycle.svg", "cycle.pdf"]
     marks = [path.read_bytes()[:5] for path in paths]
     assert marks == [b"\x89PNG\r", b"<?xml", b"%PDF-"]
 
 
 def test_pictures_of_equal_results_are_equal(tmp_path):
-    (one,) = plot_result(make_result(), tmp_path / "one", ("pdf",))
-    (other,) = plot_result(make_result(), tmp_path / "other", ("pdf",))
+    (one,) = draw(make_result(), tmp_path / "one", ("pdf",))
+    (other,) = draw(make_result(), tmp_path / "other", ("pdf",))
     assert one.read_bytes() == other.read_bytes()
 
 
@@ -107,21 +107,26 @@ def test_segments_follow_the_phases():
 
 
 def test_a_cycle_without_prescribed_series_is_drawn_alone(tmp_path):
-    (path,) = plot_optimum(make_result("solve"), tmp_path / "cycle")
+    (path,) = draw(make_result("solve"), tmp_path)
     assert path.stat().st_size > 20_000
 
 
 def test_what_cannot_be_drawn_is_one_sentence(tmp_path):
+    empty = make_result(channels={}, status="failed")
+    with pytest.raises(InputError, match=r"simulate result of .* holds nothing to draw"):
+        draw(empty, tmp_path)
+    with pytest.raises(InputError, match="a saved validate result cannot be drawn again; run kiteocp validate"):
+        draw(make_result("validate"), tmp_path)
     with pytest.raises(InputError, match="holds no time series"):
-        plot_cycle(make_result(channels={}, status="failed"), tmp_path / "cycle")
+        compose_cycle(empty)
     with pytest.raises(InputError, match="picture format 'gif'"):
-        plot_cycle(make_result(), tmp_path / "cycle", ("gif",))
+        draw(make_result(), tmp_path, ("gif",))
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_picture_takes_well_under_a_second(tmp_path):
-    plot_result(make_optimum(), tmp_path / "warm")  # fonts are found once a process
+    draw(make_optimum(), tmp_path / "warm")  # fonts are found once a process
     start = time.process_time()
-    plot_result(make_optimum(), tmp_path / "cycle")
+    draw(make_optimum(), tmp_path / "again")
     # 0.4 s were measured; the bound leaves room for a slower machine and still finds a layout engine or a second draw.
     assert time.process_time() - start < 1.5

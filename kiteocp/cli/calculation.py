@@ -63,9 +63,9 @@ def calculate(arguments: argparse.Namespace, verb: str, compute: Callable[[Probl
     say(json.dumps(result.summary(), indent=2, ensure_ascii=False) if arguments.json else str(result))
     try:
         if arguments.plot and result.channels:
-            from kiteocp.plots import plot_result  # noqa: PLC0415  (matplotlib only where a picture is wanted)
+            from kiteocp.plots import draw  # noqa: PLC0415  (matplotlib only where a picture is wanted)
 
-            written += plot_result(result, directory / "cycle", arguments.formats or ("png",))
+            written += draw(result, directory, arguments.formats or ("png",))
     finally:
         if not arguments.json:
             say("written: " + ", ".join(str(path) for path in written))

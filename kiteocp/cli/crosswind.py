@@ -84,9 +84,9 @@ def run(arguments: argparse.Namespace) -> int:
         say(format_crosswind(result))
     try:
         if arguments.plot and result.channels:
-            from kiteocp.plots.crosswind import plot_crosswind  # noqa: PLC0415  (matplotlib only for a picture)
+            from kiteocp.plots import draw  # noqa: PLC0415  (matplotlib only where a picture is wanted)
 
-            written += plot_crosswind(result, directory / "crosswind", arguments.formats or ("png",))
+            written += draw(result, directory, arguments.formats or ("png",))
     finally:
         if not arguments.json:
             say("written: " + ", ".join(str(path) for path in written))

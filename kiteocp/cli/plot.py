@@ -7,7 +7,6 @@ from pathlib import Path
 
 from kiteocp.cli.output import say
 from kiteocp.cli.parser import add_picture_format
-from kiteocp.errors import InputError
 
 NAME = "plot"
 HELP = "draw a saved result again"
@@ -15,7 +14,9 @@ HELP = "draw a saved result again"
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the directory of the result and the format of the picture."""
-    parser.add_argument("directory", metavar="DIR", help="directory that simulate, solve, sensitivity, crosswind or estimate wrote")
+    parser.add_argument(
+        "directory", metavar="DIR", help="directory that simulate, solve, sensitivity, crosswind or estimate wrote"
+    )
     parser.add_argument("-o", "--output", metavar="DIR", help="where to write the picture (default DIR)")
     add_picture_format(parser)
 

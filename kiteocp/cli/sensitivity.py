@@ -71,9 +71,9 @@ def run(arguments: argparse.Namespace) -> int:
     say(json.dumps(result.summary(), indent=2, ensure_ascii=False) if arguments.json else _report(result))
     try:
         if arguments.plot and "sensitivities" in result.details:
-            from kiteocp.plots.study import plot_study  # noqa: PLC0415  (matplotlib only where a picture is wanted)
+            from kiteocp.plots import draw  # noqa: PLC0415  (matplotlib only where a picture is wanted)
 
-            written += plot_study(result, directory, arguments.formats or ("png",))
+            written += draw(result, directory, arguments.formats or ("png",))
     finally:
         if not arguments.json:
             say("written: " + ", ".join(str(path) for path in written))

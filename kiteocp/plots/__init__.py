@@ -1,5 +1,5 @@
 """Pictures of results; the only room that imports matplotlib."""
 
-from kiteocp.plots.cycle import plot_cycle, plot_optimum, plot_result
+from kiteocp.plots.pictures import draw
 
-__all__ = ["plot_cycle", "plot_optimum", "plot_result"]
+__all__ = ["draw"]

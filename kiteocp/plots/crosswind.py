@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +17,6 @@ from kiteocp.plots.style import (
     SMALL_SIZE,
     TITLE_SIZE,
     make_figure,
-    save_figure,
     style_axes,
 )
 from kiteocp.result import Result
@@ -31,33 +28,8 @@ _ARROWS = 6
 _MOST_SHOWN_DEG = 25.0
 
 
-def plot_crosswind(result: Result, path: Path | None = None, formats: Sequence[str] = ("png",)) -> list[Path]:
-    """Draw a result of verb ``crosswind``.
-
-    Parameters
-    ----------
-    result : Result
-        With time series and ``details["crosswind"]``.
-    path : pathlib.Path, optional
-        The file without its suffix; ``crosswind`` in the working directory where left out.
-    formats : sequence of str
-        Of ``png``, ``svg``, ``pdf``.
-
-    Returns
-    -------
-    list of pathlib.Path
-        The files written.
-
-    Raises
-    ------
-    InputError
-        If a format is unknown or a file cannot be written.
-    """
-    return save_figure(compose_crosswind(result), path or Path("crosswind"), formats)
-
-
 def compose_crosswind(result: Result) -> Figure:
-    """Return the figure of `plot_crosswind`, to be changed or embedded."""
+    """Draw a result of verb ``crosswind``, of its time series and ``details["crosswind"]``."""
     study = result.details["crosswind"]
     figure = make_figure(12.5, 4.6)
     title = f"{result.problem.name}: crosswind-resolved traction"

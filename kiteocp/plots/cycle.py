@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -22,64 +21,29 @@ from kiteocp.plots.style import (
     SMALL_SIZE,
     TITLE_SIZE,
     make_figure,
-    save_figure,
     style_axes,
 )
 from kiteocp.result import Result
 
-DEFAULT_PATH = Path("cycle")
 #: Panel to the values drawn dashed in it, each with what to call it; None is no limit.
 Levels = dict[str, list[tuple[float | None, str]]]
 
 _WIDTH_IN, _HEIGHT_IN = 12.5, 8.0
 
 
-def plot_result(result: Result, path: Path | None = None, formats: Sequence[str] = ("png",)) -> list[Path]:
-    """Draw a result the way its verb asks for: `plot_optimum` for ``solve``, `plot_cycle` otherwise."""
-    draw = plot_optimum if result.verb == "solve" else plot_cycle
-    return draw(result, path, formats)
-
-
-def plot_cycle(result: Result, path: Path | None = None, formats: Sequence[str] = ("png",)) -> list[Path]:
+def compose_cycle(result: Result) -> Figure:
     """Draw a simulated cycle: side view, time series with the set values, phases in numbers.
-
-    Parameters
-    ----------
-    result : Result
-        With time series.
-    path : pathlib.Path, optional
-        The file without its suffix; ``cycle`` in the working directory where left out.
-    formats : sequence of str
-        Of ``png``, ``svg``, ``pdf``.
-
-    Returns
-    -------
-    list of pathlib.Path
-        The files written.
 
     Raises
     ------
     InputError
-        If the result has no time series, a format is unknown or a file cannot be written.
+        If the result has no time series.
     """
-    return save_figure(compose_cycle(result), path or DEFAULT_PATH, formats)
-
-
-def plot_optimum(result: Result, path: Path | None = None, formats: Sequence[str] = ("png",)) -> list[Path]:
-    """Draw an optimal cycle beside the prescribed one, with the limits it respects.
-
-    Parameters and errors are those of `plot_cycle`.
-    """
-    return save_figure(compose_optimum(result), path or DEFAULT_PATH, formats)
-
-
-def compose_cycle(result: Result) -> Figure:
-    """Return the figure of `plot_cycle`, to be changed or embedded."""
     return _compose(result, None, _set_values(result), "simulated cycle")
 
 
 def compose_optimum(result: Result) -> Figure:
-    """Return the figure of `plot_optimum`, to be changed or embedded."""
+    """Draw an optimal cycle beside the prescribed one, with the limits it respects; errors as `compose_cycle`."""
     prescribed = result.prescribed if result.prescribed is not None and result.prescribed.channels else None
     return _compose(result, prescribed, _limits(result), "optimal cycle")
 

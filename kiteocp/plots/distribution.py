@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -17,7 +15,6 @@ from kiteocp.plots.style import (
     SMALL_SIZE,
     TITLE_SIZE,
     make_figure,
-    save_figure,
     style_axes,
 )
 from kiteocp.result import Result
@@ -26,33 +23,8 @@ _TOTAL = "#E69F00"
 _BAR = 0.38
 
 
-def plot_distribution(result: Result, path: Path | None = None, formats: Sequence[str] = ("png",)) -> list[Path]:
-    """Draw ``details["global"]``: histogram with quantiles, first-order and total indices with their intervals.
-
-    Parameters
-    ----------
-    result : Result
-        With ``details["global"]``.
-    path : pathlib.Path, optional
-        The file without its suffix; ``global`` in the working directory where left out.
-    formats : sequence of str
-        Of ``png``, ``svg``, ``pdf``.
-
-    Returns
-    -------
-    list of pathlib.Path
-        The files written.
-
-    Raises
-    ------
-    InputError
-        If a format is unknown or a file cannot be written.
-    """
-    return save_figure(compose_distribution(result), path or Path("global"), formats)
-
-
 def compose_distribution(result: Result) -> Figure:
-    """Return the figure of `plot_distribution`, to be changed or embedded."""
+    """Draw ``details["global"]``: histogram with quantiles, first-order and total indices with their intervals."""
     summary: dict[str, Any] = result.details["global"]
     figure = make_figure(12.5, 5.6)
     title = f"{result.problem.name}: distribution of the optimal mean power"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
@@ -19,7 +18,6 @@ from kiteocp.plots.style import (
     TITLE_SIZE,
     make_figure,
     phase_colour,
-    save_figure,
     style_axes,
 )
 from kiteocp.result import Result
@@ -37,33 +35,8 @@ _BLOCK_COLOURS = {
 }
 
 
-def plot_sensitivities(result: Result, path: Path | None = None, formats: Sequence[str] = ("png",)) -> list[Path]:
-    """Draw a result of verb ``sensitivity``: tornado chart, and elasticities grouped by component.
-
-    Parameters
-    ----------
-    result : Result
-        With ``details["sensitivities"]``.
-    path : pathlib.Path, optional
-        The file without its suffix; ``sensitivity`` in the working directory where left out.
-    formats : sequence of str
-        Of ``png``, ``svg``, ``pdf``.
-
-    Returns
-    -------
-    list of pathlib.Path
-        The files written.
-
-    Raises
-    ------
-    InputError
-        If a format is unknown or a file cannot be written.
-    """
-    return save_figure(compose_sensitivities(result), path or Path("sensitivity"), formats)
-
-
 def compose_sensitivities(result: Result) -> Figure:
-    """Return the figure of `plot_sensitivities`, to be changed or embedded."""
+    """Draw ``details["sensitivities"]``: tornado chart, and elasticities grouped by component."""
     rows: list[dict[str, Any]] = result.details["sensitivities"]
     figure = make_figure(12.5, 7.0)
     power = result.details["optimal_mean_power_W"]
@@ -117,16 +90,8 @@ def _named(row: dict[str, Any]) -> str:
     return str(row["key"]) + (" *" if row["uncertainty_stated"] else "") + (" !" if row.get("misleading") else "")
 
 
-def plot_variation(result: Result, path: Path | None = None, formats: Sequence[str] = ("png",)) -> list[Path]:
-    """Draw the optimal power along one key with its tangent, and below which limits are active where.
-
-    Parameters and errors are those of `plot_sensitivities`; the result has ``details["variation"]``.
-    """
-    return save_figure(compose_variation(result), path or Path("variation"), formats)
-
-
 def compose_variation(result: Result) -> Figure:
-    """Return the figure of `plot_variation`, to be changed or embedded."""
+    """Draw ``details["variation"]``: the optimal power along one key with its tangent, and which limits are active."""
     variation = result.details["variation"]
     key, points = variation["key"], variation["points"]
     figure = make_figure(9.0, 7.0)
