@@ -55,7 +55,7 @@ def draw(result: Result, directory: Path, formats: Sequence[str] = ("png",)) -> 
         If the result holds nothing to draw, a format is unknown or a file cannot be written.
     """
     if result.verb not in PICTURES:
-        raise InputError(f"a saved {result.verb} result cannot be drawn again; run kiteocp {result.verb}, which draws it")
+        raise InputError(f"a saved {result.verb} result cannot be drawn again; run kiteocp {result.verb}")
     composed = {
         stem: compose
         for stem, key, compose in PICTURES[result.verb]
