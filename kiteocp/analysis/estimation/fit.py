@@ -60,6 +60,10 @@ WIND = ("wind_scale", "wind_direction_offset_deg")
 #: A wind scale is taken as known where its 95 % interval is narrower than this share of it to either side.
 USEFUL_SHARE = 0.25
 
+#: Beyond this condition number of scaled derivatives parameters are collinear by the rule of Belsley, Kuh and Welsch
+#: (*Regression Diagnostics*, 1980): the fit then follows the noise, with errors that are not to be believed.
+LARGEST_CONDITION = 30.0
+
 
 @dataclass(frozen=True)
 class CoefficientFit:
@@ -186,7 +190,9 @@ def fit_coefficients(
     identified = None
     if fit_wind:
         low, high = fit.interval(WIND[0])
-        identified = bool(high - low < 2.0 * USEFUL_SHARE * fit.value(WIND[0]))
+        narrow = high - low < 2.0 * USEFUL_SHARE * fit.value(WIND[0])
+        inside = np.all((fit.values > lower) & (fit.values < upper))
+        identified = bool(narrow and inside and fit.condition < LARGEST_CONDITION)
     return CoefficientFit(
         fit,
         {setting: counts[setting] for setting in fitted},

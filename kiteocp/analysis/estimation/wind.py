@@ -268,19 +268,15 @@ def _with_speed(estimate: WindEstimate, problem: Problem) -> WindEstimate:
     return replace(estimate, reference_speed_m_s=speed, reference_height_m=height)
 
 
-def reference_height(numbers: Any) -> Any:
-    """Height at which a wind profile is given, from a mapping of key paths to numbers (or symbols), m.
-
-    The first height of a table; any height where the wind is uniform.
-    """
+def reference_height(numbers: Parameters | ParameterValues) -> Any:
+    """Height at which a wind profile is given, m: the last of a table, and 10 m where the wind is uniform."""
     if "environment.wind.reference_height_m" in numbers:
         return numbers["environment.wind.reference_height_m"]
-    if "environment.wind.heights_m[0]" in numbers:
-        return numbers["environment.wind.heights_m[0]"]
-    return STANDARD_HEIGHT_M
+    heights = [key for key in numbers.structure.keys if key.startswith("environment.wind.heights_m[")]
+    return numbers[heights[-1]] if heights else STANDARD_HEIGHT_M
 
 
-def ground_height(numbers: Any) -> Any:
+def ground_height(numbers: Parameters | ParameterValues) -> Any:
     """Height of a wind sensor at the ground where none is given: that of the profile, 10 m at most."""
     return ca.fmin(reference_height(numbers), STANDARD_HEIGHT_M)
 
