@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -168,7 +168,7 @@ class CycleComparison:
             "cycle": self.measured.number,
             "duration_s": self.measured.duration_s,
             "mean_power_W": self.measured.mean_power_W,
-            "wind": self.wind.estimate.to_dict() | {"own_standard_error": self.wind.own_error},
+            "wind": self.wind.estimate.to_dict() | {"own_standard_error": float(np.sqrt(self.wind.covariance[0, 0]))},
             "wind_elasticity_of_power": dict(self.wind_elasticity),
             "predicted_mean_power": {law: found.to_dict() for law, found in self.power.items()},
             "phases": {name: phase.to_dict() for name, phase in self.phases.items()},
@@ -191,19 +191,23 @@ def compare_cycle(flight: FlightData, kite: EstimatedKite, number: int) -> Cycle
     turned = wind.estimate.turned(flight)
     cycle = measured_cycle(turned, number)
     values = values_of_cycle(kite, wind)
-    paths = {name: path_of(turned, number, name, kite.setting) for name in cycle.phases}
+    paths = _paths(turned, cycle, kite)
     names, covariance = covariance_of_cycle(kite, wind)
     errors = np.sqrt(np.diag(covariance))
 
-    def numbers(at: ParameterValues) -> tuple[dict[str, float], dict[str, Any]]:
-        return _predicted(cycle, paths, at, kite.winch_law)
+    def numbers(at: ParameterValues, turn_deg: float = 0.0) -> tuple[dict[str, float], dict[str, Any]]:
+        if turn_deg == 0.0:
+            return _predicted(cycle, paths, at, kite.winch_law)
+        more = replace(turned, azimuth_deg=turned.azimuth_deg - turn_deg)
+        other = measured_cycle(more, number)
+        return _predicted(other, _paths(more, other, kite), at, kite.winch_law)
 
     centre, series = numbers(values)
     jacobian = {}
     for name, error in zip(names, errors, strict=True):
         if error > 0:
             step = STEP_SIGMAS * float(error)
-            up, down = (numbers(shifted(values, name, sign * step, wind))[0] for sign in (1.0, -1.0))
+            up, down = (numbers(*shifted(values, name, sign * step, wind))[0] for sign in (1.0, -1.0))
             jacobian[name] = {key: _slope(up.get(key), centre[key], down.get(key), step) for key in centre}
 
     def error_of(key: str) -> float:
@@ -215,12 +219,16 @@ def compare_cycle(flight: FlightData, kite: EstimatedKite, number: int) -> Cycle
     return CycleComparison(cycle, wind, phases, _powers(cycle, centre, error_of), elasticity)
 
 
+def _paths(flight: FlightData, cycle: MeasuredCycle, kite: EstimatedKite) -> dict[str, Path]:
+    return {name: path_of(flight, cycle.number, name, kite.setting) for name in cycle.phases}
+
+
 def _elasticities(
-    values: ParameterValues, wind: CycleWind, numbers: Callable[[ParameterValues], tuple[dict[str, float], Any]]
+    values: ParameterValues, wind: CycleWind, numbers: Callable[[ParameterValues, float], tuple[dict[str, float], Any]]
 ) -> dict[str, float]:
     """Return by ``law.phase`` the relative change of the mean power per relative change of the wind."""
     step = WIND_STEP * wind.estimate.scale
-    up, down = (numbers(shifted(values, OWN_WIND, sign * step, wind))[0] for sign in (1.0, -1.0))
+    up, down = (numbers(*shifted(values, OWN_WIND, sign * step, wind))[0] for sign in (1.0, -1.0))
     ending = ".mean_power_W"
     return {
         key.removesuffix(ending): (up[key] - down[key]) / (WIND_STEP * (abs(up[key]) + abs(down[key])))

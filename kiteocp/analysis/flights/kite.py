@@ -25,12 +25,13 @@ FULLY_POWERED = 0.95
 #: Samples with an airspeed below which it says nothing about the wind.
 FEWEST_AIRSPEEDS = 50
 
-#: Relative step for the slope of one estimate over another.
-SLOPE_STEP = 0.01
+#: Steps for the slope of one estimate over another: relative, and of a direction.
+SLOPE_STEP, DIRECTION_STEP_DEG = 0.01, 1.0
 
-#: The parameters of a prediction: coefficients, the factor on the wind of the problem, and the part of the wind of the
-#: cycle that its own airspeed got wrong.
-WIND, OWN_WIND = "wind_scale", "wind_scale_of_cycle"
+#: The parameters of a prediction beside the coefficients: factor on the wind of the problem and its direction on the
+#: estimation cycles, and what the airspeed of the predicted cycle itself gets wrong of both.
+WIND, DIRECTION = "wind_scale", "wind_direction_offset_deg"
+OWN_WIND, OWN_DIRECTION = "wind_scale_of_cycle", "wind_direction_offset_of_cycle_deg"
 
 
 @dataclass(frozen=True)
@@ -48,10 +49,13 @@ class EstimatedKite:
     wind
         Wind of the estimation cycles.
     names, covariance
-        Key paths of the coefficients and `WIND`, and the covariance of their errors, shape (k, k).
+        Key paths of the coefficients, `WIND` and `DIRECTION`, and the covariance of their errors, shape (k, k).
     airspeed_factor, airspeed_factor_error
-        What the airspeed sensor has to be multiplied by to agree with the equilibrium, and its standard error; None
+        What the airspeed sensor has to be multiplied by to agree with wind and velocity, and its standard error; None
         without a sensor.
+    wind_by_forces
+        Factor on the wind by the equilibrium of forces alone, and its standard error, as a check; None where the forces
+        do not tell it.
     setting
         Measured power settings of the depowered and of the powered coefficients.
     winch_law
@@ -70,6 +74,7 @@ class EstimatedKite:
     covariance: FloatArray
     airspeed_factor: float | None
     airspeed_factor_error: float | None
+    wind_by_forces: tuple[float, float] | None
     setting: tuple[float, float]
     winch_law: WinchLaw | None
     cycles: tuple[int, ...]
@@ -84,6 +89,8 @@ class EstimatedKite:
             "coefficients": fitted["settings"],
             "airspeed_factor": self.airspeed_factor,
             "airspeed_factor_standard_error": self.airspeed_factor_error,
+            "wind_scale_by_forces": None if self.wind_by_forces is None else self.wind_by_forces[0],
+            "wind_scale_by_forces_standard_error": None if self.wind_by_forces is None else self.wind_by_forces[1],
             "winch_law": None if self.winch_law is None else asdict(self.winch_law),
             "power_setting_depowered": self.setting[0],
             "power_setting_powered": self.setting[1],
@@ -98,22 +105,25 @@ class CycleWind:
     ----------
     estimate
         Factor on the wind of the problem, and direction.
-    own_error
-        Standard error of the factor from this cycle's airspeed alone; 0 where the wind is that of other cycles.
-    slope
-        Change of the factor per change of the factor of the estimation cycles, which the sensor was gauged with.
+    covariance
+        Of factor and direction (deg) from this cycle's airspeed alone, shape (2, 2); zero where the wind is that of
+        other cycles.
+    slope, direction_slope
+        Change of factor and direction per change of those of the estimation cycles, which the sensor was gauged with.
     """
 
     estimate: WindEstimate
-    own_error: float
+    covariance: FloatArray
     slope: float
+    direction_slope: float
 
 
 def estimate_kite(flight: FlightData, problem: Problem, cycles: Collection[int]) -> EstimatedKite:
     """Estimate coefficients and wind on some cycles of a flight.
 
-    Wind and coefficients come from one fit of the equilibrium. The wind that the airspeed sensor shows is not used for
-    it: the sensor is gauged by the fit instead, so that it can tell the wind of other cycles.
+    The wind comes from the airspeed, whose sensor is gauged along with it: it does not know the forces, so that they
+    can be held against it. Without an airspeed wind and coefficients come from one fit of the equilibrium. The
+    coefficients depend on the wind; their covariance counts its errors too.
 
     Parameters
     ----------
@@ -132,26 +142,29 @@ def estimate_kite(flight: FlightData, problem: Problem, cycles: Collection[int])
     chosen = flight.select(cycles)
     chosen = chosen.where(~((chosen.phase == "transition") & (chosen.power_setting < FULLY_POWERED)))
     warnings = []
-    fit = fit_coefficients(chosen, problem, invert(chosen, problem), fit_wind=True)
+    by_forces = fit_coefficients(chosen, problem, invert(chosen, problem), fit_wind=True)
+    wind = _airspeed_wind(flight.select(cycles), problem)
+    if wind is not None:
+        fit = _fit(chosen, problem, wind)
+        names, covariance = _given_wind_covariance(chosen, problem, wind, fit)
+    elif by_forces.wind_identified:
+        fit, wind = by_forces, _fitted_wind(by_forces, problem)
+        names, covariance = _joint_covariance(fit)
+    else:
+        wind = wind_of_problem(problem)
+        fit = _fit(chosen, problem, wind)
+        names, covariance = _given_wind_covariance(chosen, problem, wind, fit)
+        warnings.append("neither airspeed nor forces tell the wind of the flight; it is that of the problem")
     # Coefficients of a setting that was not flown stay those of the problem.
     for setting in ("powered", "depowered"):
         if setting not in fit.samples:
             warnings.append(
                 f"the estimation cycles have too few {setting} samples; the problem's coefficients are kept"
             )
-    if fit.wind_identified:
-        wind = _fitted_wind(fit, problem)
-    else:
-        wind = _other_wind(chosen, problem)
-        warnings.append(
-            f"the equilibrium does not tell the wind from the coefficients; the wind is that of the {wind.source}"
-        )
-        chosen, base = wind.turned(chosen), wind.applied(problem)
-        fit = fit_coefficients(chosen, base, invert(chosen, base))
     base = problem.with_values(fit.changes())
-    names, covariance = _covariance(fit, wind)
     estimated = wind.applied(base)
     factor, error = _airspeed_factor(wind.turned(flight.select(cycles)), estimated)
+    check = by_forces.fit.parameter(WIND) if by_forces.wind_identified else None
     return EstimatedKite(
         problem=estimated,
         base=base,
@@ -161,6 +174,7 @@ def estimate_kite(flight: FlightData, problem: Problem, cycles: Collection[int])
         covariance=covariance,
         airspeed_factor=factor,
         airspeed_factor_error=error,
+        wind_by_forces=None if check is None else (check["value"], check["standard_error"]),
         setting=_settings(flight.select(cycles)),
         winch_law=winch_law(flight.select(cycles)),
         cycles=tuple(sorted(cycles)),
@@ -173,7 +187,7 @@ def wind_of_cycle(flight: FlightData, kite: EstimatedKite, cycle: int) -> CycleW
     chosen = flight.select([cycle])
     usable = np.isfinite(chosen.apparent_wind_speed_m_s) & np.isfinite(chosen.polar_speed_m_s)
     if kite.airspeed_factor is None or np.count_nonzero(usable) < FEWEST_AIRSPEEDS:
-        return CycleWind(kite.wind, 0.0, 1.0)
+        return CycleWind(kite.wind, np.zeros((2, 2)), 1.0, 1.0)
 
     def found(factor: float) -> WindEstimate:
         gauged = replace(chosen, apparent_wind_speed_m_s=factor * chosen.apparent_wind_speed_m_s)
@@ -188,27 +202,41 @@ def wind_of_cycle(flight: FlightData, kite: EstimatedKite, cycle: int) -> CycleW
     stronger = replace(kite.wind, scale=kite.wind.scale * (1 + SLOPE_STEP)).applied(kite.base)
     factor = _airspeed_factor(turned, stronger)[0]
     slope_of_factor = ((factor or kite.airspeed_factor) - kite.airspeed_factor) / (kite.wind.scale * SLOPE_STEP)
-    gauge = slope_of_wind * (kite.airspeed_factor_error or 0.0)
-    own = float(np.hypot(estimate.scale_standard_error or 0.0, gauge))
-    return CycleWind(estimate, own, slope_of_wind * slope_of_factor)
+    errors = np.array([estimate.scale_standard_error or 0.0, estimate.direction_standard_error_deg or 0.0])
+    covariance = np.outer(errors, errors) * np.array(
+        [[1.0, estimate.correlation or 0.0], [estimate.correlation or 0.0, 1.0]]
+    )
+    covariance[0, 0] += (slope_of_wind * (kite.airspeed_factor_error or 0.0)) ** 2
+    return CycleWind(estimate, covariance, slope_of_wind * slope_of_factor, 0.0)
 
 
 def covariance_of_cycle(kite: EstimatedKite, wind: CycleWind) -> tuple[tuple[str, ...], FloatArray]:
     """Return names and covariance of everything that a prediction of a cycle depends on, its own wind last."""
     size = len(kite.names)
-    covariance = np.zeros((size + 1, size + 1))
+    covariance = np.zeros((size + 2, size + 2))
     covariance[:size, :size] = kite.covariance
-    covariance[size, size] = wind.own_error**2
-    return (*kite.names, OWN_WIND), covariance
+    covariance[size:, size:] = wind.covariance
+    return (*kite.names, OWN_WIND, OWN_DIRECTION), covariance
 
 
-def shifted(values: ParameterValues, name: str, change: float, wind: CycleWind) -> ParameterValues:
-    """Return the numbers of a cycle's problem with one parameter of `covariance_of_cycle` changed."""
+def shifted(values: ParameterValues, name: str, change: float, wind: CycleWind) -> tuple[ParameterValues, float]:
+    """Return the numbers of a cycle's problem and the turn of its wind (deg) with one parameter changed.
+
+    The parameters are those of `covariance_of_cycle`.
+    """
+    if name in (DIRECTION, OWN_DIRECTION):
+        return values, change * (wind.direction_slope if name == DIRECTION else 1.0)
     if name not in (WIND, OWN_WIND):
-        return values.replaced({name: values[name] + change})
+        return values.replaced({name: values[name] + change}), 0.0
     ratio = 1.0 + change * (wind.slope if name == WIND else 1.0) / wind.estimate.scale
     speeds = [key for key in values.structure.keys if key.startswith("environment.wind.") and "speed" in key]
-    return values.replaced({key: values[key] * ratio for key in speeds})
+    return values.replaced({key: values[key] * ratio for key in speeds}), 0.0
+
+
+def _fit(chosen: FlightData, problem: Problem, wind: WindEstimate) -> CoefficientFit:
+    """Fit the coefficients in a given wind."""
+    turned, applied = wind.turned(chosen), wind.applied(problem)
+    return fit_coefficients(turned, applied, invert(turned, applied))
 
 
 def _fitted_wind(fit: CoefficientFit, problem: Problem) -> WindEstimate:
@@ -230,26 +258,48 @@ def _fitted_wind(fit: CoefficientFit, problem: Problem) -> WindEstimate:
     )
 
 
-def _other_wind(flight: FlightData, problem: Problem) -> WindEstimate:
-    """Return the wind by the airspeed as it is, or that of the problem."""
+def _airspeed_wind(flight: FlightData, problem: Problem) -> WindEstimate | None:
+    """Return the wind by the airspeed, its sensor gauged along with it; None without one."""
     try:
         return wind_from_airspeed(flight, problem)
     except InputError:
-        return wind_of_problem(problem)
+        return None
 
 
-def _covariance(fit: CoefficientFit, wind: WindEstimate) -> tuple[tuple[str, ...], FloatArray]:
-    """Return key paths of the coefficients and `WIND`, and their covariance."""
-    kept = [name for name in fit.fit.names if name != "wind_direction_offset_deg"]
+def _coefficients(fit: CoefficientFit) -> tuple[list[str], FloatArray, FloatArray]:
+    """Return key paths, values and covariance of the coefficients alone."""
+    kept = [name for name in fit.fit.names if name not in (WIND, DIRECTION)]
     index = [fit.fit.names.index(name) for name in kept]
     errors = fit.fit.standard_errors[index]
     covariance = fit.fit.correlation[np.ix_(index, index)] * np.outer(errors, errors)
-    names = [name if name == WIND else f"kite.{name}" for name in kept]
-    if WIND not in names:
-        names.append(WIND)
-        covariance = np.pad(covariance, ((0, 1), (0, 1)))
-        covariance[-1, -1] = (wind.scale_standard_error or 0.0) ** 2
-    return tuple(names), covariance
+    return [f"kite.{name}" for name in kept], fit.fit.values[index], covariance
+
+
+def _joint_covariance(fit: CoefficientFit) -> tuple[tuple[str, ...], FloatArray]:
+    """Return names and covariance where the wind was fitted along with the coefficients."""
+    names = tuple(name if name in (WIND, DIRECTION) else f"kite.{name}" for name in fit.fit.names)
+    return names, fit.fit.correlation * np.outer(fit.fit.standard_errors, fit.fit.standard_errors)
+
+
+def _given_wind_covariance(
+    chosen: FlightData, problem: Problem, wind: WindEstimate, fit: CoefficientFit
+) -> tuple[tuple[str, ...], FloatArray]:
+    """Return names and covariance where the coefficients were fitted in a wind known with errors of its own."""
+    names, values, covariance = _coefficients(fit)
+    scale_error, angle_error = wind.scale_standard_error or 0.0, wind.direction_standard_error_deg or 0.0
+    together = (wind.correlation or 0.0) * scale_error * angle_error
+    of_wind = np.array([[scale_error**2, together], [together, angle_error**2]])
+    steps = (SLOPE_STEP * wind.scale, DIRECTION_STEP_DEG)
+    others = (
+        replace(wind, scale=wind.scale + steps[0]),
+        replace(wind, direction_offset_deg=wind.direction_offset_deg + steps[1]),
+    )
+    slopes = np.zeros((len(names), 2))
+    if of_wind.any():
+        for column, (other, step) in enumerate(zip(others, steps, strict=True)):
+            slopes[:, column] = (_coefficients(_fit(chosen, problem, other))[1] - values) / step
+    cross = slopes @ of_wind
+    return (*names, WIND, DIRECTION), np.block([[covariance + cross @ slopes.T, cross], [cross.T, of_wind]])
 
 
 def _airspeed_factor(flight: FlightData, problem: Problem) -> tuple[float | None, float | None]:

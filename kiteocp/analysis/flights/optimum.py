@@ -49,7 +49,7 @@ MANOEUVRES, VARYING = "manoeuvres", "forces that vary within the phases"
 FORCE_LIMITS = {"limits.tether_force_max_at": "ground", "limits.tether_force_min_at": "ground"}
 
 #: Room beyond what the prescribed cycle reaches, so that it is inside.
-WIDER = 1e-3
+WIDER, ROOM_DEG = 1e-3, 0.05
 
 #: A wind whose relative error is less is that of data without noise.
 KNOWN = 1e-4
@@ -153,8 +153,8 @@ def flown_limits(flight: FlightData) -> dict[str, float]:
         "limits.height_max_m": high(flight.height_m),
         "limits.tether_length_min_m": float(np.min(length[within])),
         "limits.tether_length_max_m": float(np.max(length[within])),
-        "limits.traction_elevation_min_deg": low(windowed(flight.elevation_deg)),
-        "limits.traction_elevation_max_deg": high(flight.elevation_deg[traction]),
+        "limits.traction_elevation_min_deg": low(windowed(flight.elevation_deg)) - ROOM_DEG,
+        "limits.traction_elevation_max_deg": high(flight.elevation_deg[traction]) + ROOM_DEG,
         "limits.elevation_max_deg": high(flight.elevation_deg),
     }
 
@@ -296,8 +296,8 @@ def _widened(
     lost = float(np.mean([c.duration_s for c in cycles])) - float(cycle.cycle["duration_s"] or 0.0)
     wide["limits.phase_change_time_s"] = max(lost, 0.0) / PHASE_CHANGES
     elevation = problem.operation.traction.elevation_deg
-    wide["limits.traction_elevation_min_deg"] = min(wide["limits.traction_elevation_min_deg"], elevation)
-    wide["limits.traction_elevation_max_deg"] = max(wide["limits.traction_elevation_max_deg"], elevation)
+    wide["limits.traction_elevation_min_deg"] = min(wide["limits.traction_elevation_min_deg"], elevation - ROOM_DEG)
+    wide["limits.traction_elevation_max_deg"] = max(wide["limits.traction_elevation_max_deg"], elevation + ROOM_DEG)
     return problem.with_values(wide), wide
 
 

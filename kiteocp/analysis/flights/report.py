@@ -15,9 +15,10 @@ from kiteocp.analysis.flights.summary import HEADS, LEGEND, MARKS, SHOWN
 from kiteocp.analysis.validation.html_parts import STYLE, bullets, paragraph, section, table
 
 _METHOD = (
-    "Lift and drag coefficients of both settings of the kite and the wind are fitted to the estimation cycles through "
-    "the equilibrium of forces, robustly and with a covariance that counts only independent samples. The airspeed "
-    "sensor is gauged by that wind; it alone then tells the wind of the predicted cycles, whose forces take no part.",
+    "The wind of the estimation cycles is the one that explains the airspeed, whose sensor is gauged along with it. In "
+    "that wind lift and drag coefficients of both settings of the kite are fitted through the equilibrium of forces, "
+    "robustly and with a covariance that counts only independent samples and the errors of the wind. The gauged "
+    "airspeed alone then tells the wind of the predicted cycles, whose forces take no part.",
     "Constant force: each phase of a predicted cycle from the tether length and elevation where it began, with its "
     "mean force, to where it ended, by the paper's laws; its traction is one representative state from averaged "
     "cosines.",

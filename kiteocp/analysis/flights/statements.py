@@ -90,18 +90,25 @@ def _shown(study: FlightStudy) -> Iterator[str]:
     named = ", ".join(map(str, kite.cycles))
     wind = kite.wind
     error = "" if wind.scale_standard_error is None else f" +- {100 * wind.scale_standard_error / wind.scale:.1f} %"
+    where = f"On cycle{'s' if len(kite.cycles) > 1 else ''} {named}"
+    way = {"airspeed": "by the airspeed", "fit": "by the equilibrium of forces"}.get(wind.source, "by the problem")
     yield (
-        f"On cycle{'s' if len(kite.cycles) > 1 else ''} {named} the equilibrium of forces fits a wind of "
-        f"{wind.reference_speed_m_s:.1f} m/s{error} at {wind.reference_height_m:g} m, turned by "
-        f"{wind.direction_offset_deg:+.0f} deg from the azimuth zero of the recording."
+        f"{where} the wind {way} is {wind.reference_speed_m_s:.1f} m/s{error} at {wind.reference_height_m:g} m, turned "
+        f"by {wind.direction_offset_deg:+.0f} deg from the azimuth zero of the recording."
     )
+    if kite.wind_by_forces is not None and wind.source == "airspeed":
+        share = (wind.reference_speed_m_s or 0.0) / wind.scale
+        yield (
+            f"The equilibrium of forces alone, without the airspeed, asks for {share * kite.wind_by_forces[0]:.1f} +- "
+            f"{share * kite.wind_by_forces[1]:.1f} m/s there."
+        )
     if kite.airspeed_factor is not None:
         less = 100 * (1 - 1 / kite.airspeed_factor)
         verb = "less" if less > 0 else "more"
         reads = f"{abs(less):.1f} % {verb} than" if abs(less) >= 0.1 else "the same as"
         yield (
-            f"The airspeed sensor reads {reads} what that wind and the velocity of the kite make; it is gauged by "
-            "this, and then tells the wind of the other cycles."
+            f"The airspeed sensor reads {reads} what wind and velocity of the kite make, which it was gauged by; so "
+            "gauged it tells the wind of the other cycles."
         )
     for setting, (lift, drag) in {s: kite.fit.coefficients(s) for s in kite.fit.samples}.items():
         errors = [
