@@ -41,9 +41,10 @@ def test_every_format_is_written_and_says_what_it_is(tmp_path):
     assert marks == [b"\x89PNG\r", b"<?xml", b"%PDF-"]
 
 
-def test_pictures_of_equal_results_are_equal(tmp_path):
-    (one,) = draw(make_result(), tmp_path / "one", ("pdf",))
-    (other,) = draw(make_result(), tmp_path / "other", ("pdf",))
+@pytest.mark.parametrize("suffix", ["svg", "pdf"])
+def test_pictures_of_equal_results_are_equal(tmp_path, suffix):
+    (one,) = draw(make_result(), tmp_path / "one", (suffix,))
+    (other,) = draw(make_result(), tmp_path / "other", (suffix,))
     assert one.read_bytes() == other.read_bytes()
 
 
