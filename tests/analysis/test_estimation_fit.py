@@ -95,7 +95,7 @@ def covered(seeds: range, fit_wind: bool) -> tuple[int, int]:
 
 
 def test_intervals_of_the_fit_hold_what_they_promise() -> None:
-    hits, trials = covered(range(6), fit_wind=False)
+    hits, trials = covered(range(5), fit_wind=False)
     # The parameters of one flight are not independent of each other: the bound is that of half as many trials.
     assert hits >= 2 * binom.ppf(0.005, trials // 2, 0.93)
 
@@ -110,7 +110,7 @@ def test_intervals_of_the_fit_over_many_flights(fit_wind: bool) -> None:
 def test_intervals_shrink_with_independent_data_only() -> None:
     problem = problem_in_wind()
     errors = []
-    for rate, cycles in ((10.0, 1), (40.0, 1), (10.0, 4)):
+    for rate, cycles in ((5.0, 1), (20.0, 1), (5.0, 4)):
         flight = made(noise=replace(NOISE, correlation_time_s=2.0), sample_rate_Hz=rate, cycles=cycles, seed=1)
         fit = fit_coefficients(flight, problem, invert(flight, problem)).fit
         errors.append(fit.parameter("depowered.lift_coefficient")["standard_error"])
@@ -194,7 +194,7 @@ def test_wind_sources_that_are_not_there() -> None:
 
 def test_the_wrong_kite_is_refused() -> None:
     flight = made(sample_rate_Hz=2.0)
-    with pytest.raises(InputError, match="kite.projected_area_m2"):
+    with pytest.raises(InputError, match=r"kite\.projected_area_m2"):
         estimate(flight, kiteocp.load_problem("v3-kite", {"kite.projected_area_m2": 1.0}))
     with pytest.raises(InputError, match="has no cycle 3; it has 0"):
         estimate(flight, problem_in_wind(), cycles=[3])
@@ -218,7 +218,9 @@ def test_derivatives_of_the_fit_are_those_of_its_residuals() -> None:
 
 @pytest.mark.skipif(not RECORDING.exists(), reason="the recording is not here")
 def test_a_real_kite() -> None:
-    flight = load_flight(RECORDING)
+    # Every third sample tells as much: they are correlated over seconds.
+    whole = load_flight(RECORDING)
+    flight = whole.where(np.arange(len(whole)) % 3 == 0)
     found = estimate(flight, kiteocp.load_problem("v9-kite"))
     lift, drag = found.fit.coefficients("powered")
     depowered_lift, _ = found.fit.coefficients("depowered")

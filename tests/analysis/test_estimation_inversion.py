@@ -36,9 +36,7 @@ def test_exact_inversion_gives_the_coefficients_back(case: tuple[kiteocp.Problem
         drag = found.quantities["exact.kite_drag_coefficient"][inside]
         np.testing.assert_allclose(lift, values[f"kite.{setting}.lift_coefficient"], rtol=1e-8)
         np.testing.assert_allclose(drag, values.kite_drag_coefficient(setting), rtol=1e-8)
-    np.testing.assert_allclose(
-        found.quantities["apparent_wind_speed_m_s"], flight.apparent_wind_speed_m_s, rtol=1e-12
-    )
+    np.testing.assert_allclose(found.quantities["apparent_wind_speed_m_s"], flight.apparent_wind_speed_m_s, rtol=1e-12)
 
 
 @pytest.mark.parametrize("course_deg", [0.0, 40.0, 90.0, 155.0, 180.0, 250.0, 320.0])
@@ -131,7 +129,9 @@ def test_samples_without_an_answer_are_counted_by_reason() -> None:
     polar = flight.polar_speed_m_s.copy()
     # Upwind of its own air: the force cannot follow.
     radial[9:11], polar[9:11] = 6.0, -60.0
-    found = invert(replace(flight, tether_force_ground_N=force, radial_speed_m_s=radial, polar_speed_m_s=polar), problem)
+    found = invert(
+        replace(flight, tether_force_ground_N=force, radial_speed_m_s=radial, polar_speed_m_s=polar), problem
+    )
     everything = np.ones(len(flight), dtype=bool)
     counts = found.counts("exact", everything)
     assert counts["missing"] == 3
