@@ -59,19 +59,54 @@ def calculate(arguments: argparse.Namespace, verb: str, compute: Callable[[Probl
     except (CycleError, NoEquilibriumError, SolveError) as error:
         result = failed_result(verb, problem, error)
     # The numbers first: a picture that cannot be drawn must not cost them.
-    written = result.save(directory)
-    say(json.dumps(result.summary(), indent=2, ensure_ascii=False) if arguments.json else str(result))
+    return conclude(arguments, result, directory, result.save(directory))
+
+
+def conclude(
+    arguments: argparse.Namespace,
+    result: Result,
+    directory: Path,
+    written: list[Path],
+    report: Callable[[Result], str] = str,
+) -> int:
+    """Print a saved result, draw it where asked to, say what was written, and return the exit status.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        With what `kiteocp.cli.parser.add_calculation` adds.
+    result : Result
+        What was computed.
+    directory : pathlib.Path
+        Where it was saved and its pictures go.
+    written : list of pathlib.Path
+        The files written so far.
+    report : callable
+        From the result to the text that is printed without ``--json``.
+
+    Returns
+    -------
+    int
+        0, or 1 where the status of the result is not one of success.
+
+    Raises
+    ------
+    InputError
+        If a picture or standard output cannot be written.
+    """
+    say(json.dumps(result.summary(), indent=2, ensure_ascii=False) if arguments.json else report(result))
     try:
-        if arguments.plot and result.channels:
+        # A calculation that failed holds no numbers, and so nothing to draw.
+        if arguments.plot and (result.channels or "sensitivities" in result.details):
             from kiteocp.plots import draw  # noqa: PLC0415  (matplotlib only where a picture is wanted)
 
-            written += draw(result, directory, arguments.formats or ("png",))
+            written = written + draw(result, directory, arguments.formats or ("png",))
     finally:
         if not arguments.json:
             say("written: " + ", ".join(str(path) for path in written))
     if not result.succeeded:
         message = result.details.get("message") or "the calculation did not succeed"
-        complain(f"{problem.name}: {result.status}: {message}; what was reached is saved in {directory}")
+        complain(f"{result.problem.name}: {result.status}: {message}; what was reached is saved in {directory}")
         return 1
     return 0
 

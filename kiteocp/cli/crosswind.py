@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import argparse
-import json
 import math
 from typing import TYPE_CHECKING
 
-from kiteocp.cli.calculation import failed_result, load, output_directory
-from kiteocp.cli.output import complain, say
+from kiteocp.cli.calculation import conclude, failed_result, load, output_directory
 from kiteocp.cli.parser import add_calculation, positive_number
 from kiteocp.errors import InputError, NoEquilibriumError
 
@@ -75,25 +73,7 @@ def run(arguments: argparse.Namespace) -> int:
     problem = load(arguments.problem, arguments.overrides)
     directory = output_directory(arguments.output, problem, NAME)
     result = _computed(problem, arguments)
-    written = result.save(directory)
-    if arguments.json:
-        say(json.dumps(result.summary(), indent=2, ensure_ascii=False))
-    else:
-        from kiteocp.analysis.crosswind_report import format_crosswind  # noqa: PLC0415
-
-        say(format_crosswind(result))
-    try:
-        if arguments.plot and result.channels:
-            from kiteocp.plots import draw  # noqa: PLC0415  (matplotlib only where a picture is wanted)
-
-            written += draw(result, directory, arguments.formats or ("png",))
-    finally:
-        if not arguments.json:
-            say("written: " + ", ".join(str(path) for path in written))
-    if not result.succeeded:
-        complain(f"{problem.name}: {result.status}: {result.details['message']}; what was reached is in {directory}")
-        return 1
-    return 0
+    return conclude(arguments, result, directory, result.save(directory), _report)
 
 
 def _computed(problem: Problem, arguments: argparse.Namespace) -> Result:
@@ -114,6 +94,12 @@ def _computed(problem: Problem, arguments: argparse.Namespace) -> Result:
         )
     except NoEquilibriumError as error:
         return failed_result(NAME, problem, error)
+
+
+def _report(result: Result) -> str:
+    from kiteocp.analysis.crosswind_report import format_crosswind  # noqa: PLC0415  (keeps --help fast)
+
+    return format_crosswind(result)
 
 
 def _number(text: str) -> float:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import json
 import os
 from typing import TYPE_CHECKING
 
-from kiteocp.cli.calculation import failed_result, load, output_directory
-from kiteocp.cli.output import complain, say
+from kiteocp.cli.calculation import conclude, failed_result, load, output_directory
+from kiteocp.cli.output import complain
 from kiteocp.cli.parser import add_calculation
 from kiteocp.cli.progress import Progress, positive_integer
 from kiteocp.errors import CycleError, InputError, SolveError
@@ -68,23 +67,11 @@ def run(arguments: argparse.Namespace) -> int:
     unflown = _differentiate_forward(problem, result) if arguments.forward else None
     written = result.save(directory)
     written += [table.save(directory) for table in tables if table is not None]
-    say(json.dumps(result.summary(), indent=2, ensure_ascii=False) if arguments.json else _report(result))
-    try:
-        if arguments.plot and "sensitivities" in result.details:
-            from kiteocp.plots import draw  # noqa: PLC0415  (matplotlib only where a picture is wanted)
-
-            written += draw(result, directory, arguments.formats or ("png",))
-    finally:
-        if not arguments.json:
-            say("written: " + ", ".join(str(path) for path in written))
-    if not result.succeeded:
-        message = result.details.get("message") or "the calculation did not succeed"
-        complain(f"{problem.name}: {result.status}: {message}; what was reached is saved in {directory}")
-        return 1
-    if unflown is not None:
+    status = conclude(arguments, result, directory, written, _report)
+    if status == 0 and unflown is not None:
         complain(f"{problem.name}: {unflown}; the rest is saved in {directory}")
         return 1
-    return 0
+    return status
 
 
 def _computed(problem: Problem, arguments: argparse.Namespace) -> tuple[Result, Variation | None, GlobalStudy | None]:

@@ -39,8 +39,6 @@ LIMIT_STYLE: dict[str, Any] = {"color": INK, "linewidth": 0.8, "linestyle": (0, 
 _DPI = 120
 # Level 3 of zlib takes half the time of the usual 6 for a file a tenth larger.
 _PNG_COMPRESSION = 3
-# The names inside an SVG are random without a salt.
-_SAME_IDS = {"svg.hashsalt": "kiteocp"}
 
 
 def make_figure(width_in: float, height_in: float) -> Figure:
@@ -99,7 +97,8 @@ def save_figure(figure: Figure, path: Path, formats: Sequence[str]) -> list[Path
         # No date, so that the same result gives the same file.
         metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(suffix)
         options: dict[str, Any] = {"pil_kwargs": {"compress_level": _PNG_COMPRESSION}} if suffix == "png" else {}
-        with rc_context(_SAME_IDS):
+        # The names inside an SVG are random without a salt.
+        with rc_context({"svg.hashsalt": "kiteocp"}):
             figure.savefig(stream, format=suffix, dpi=_DPI, metadata=metadata, **options)
         contents[path.with_name(f"{path.name}.{suffix}")] = stream.getvalue()
     write_atomically(contents)
