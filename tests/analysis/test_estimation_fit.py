@@ -235,6 +235,8 @@ def test_a_real_kite() -> None:
     low, high = found.fit_with_wind.fit.interval("wind_scale")
     assert low < 1.0 < high
     assert found.wind.airspeed_gain == pytest.approx(0.88, abs=0.04)
+    assert sorted(found.winds) == [0, 1, 2, 3]
+    assert all(0.6 < wind.scale / found.wind.scale < 1.4 for wind in found.winds.values())
     # Each half of the flight by itself gives much the same.
     for cycles in ([0, 1], [2, 3]):
         half = flight.select(cycles)

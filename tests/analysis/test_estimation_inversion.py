@@ -48,6 +48,7 @@ def test_any_place_and_course_is_inverted(course_deg: float, azimuth_deg: float)
     found = invert(_one_sample(state, place), problem).quantities
     assert found["exact.lift_coefficient"][0] == pytest.approx(0.9, rel=1e-8)
     assert found["exact.kite_drag_coefficient"][0] == pytest.approx(0.2, rel=1e-8)
+    assert found["tether_force_kite_N"][0] == pytest.approx(state["tether_force_kite_N"], rel=1e-12)
     assert found["paper.kinematic_ratio"][0] == pytest.approx(state["kinematic_ratio"], rel=1e-9)
 
 

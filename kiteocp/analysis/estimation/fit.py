@@ -21,9 +21,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from kiteocp.analysis.estimation.inversion import MEASURED, Inversion, apparent_wind, measured_samples
+from kiteocp.analysis.estimation.inversion import MEASURED, Inversion, apparent_wind, measured_samples, turned_sample
+from kiteocp.analysis.estimation.profile import scaled_wind
 from kiteocp.analysis.estimation.robust import RobustFit, robust_fit
-from kiteocp.analysis.estimation.wind import ANGLES_DEG, SCALES, scaled_wind, turned_sample
+from kiteocp.analysis.estimation.wind import ANGLES_DEG, SCALES, WindEstimate, wind_of_problem
 from kiteocp.analysis.flights import FlightData
 from kiteocp.errors import InputError
 from kiteocp.physics.aerodynamics import resultant_coefficient
@@ -199,6 +200,30 @@ def fit_coefficients(
         {setting: int(fit.outliers[groups == index].sum()) for index, setting in enumerate(fitted)},
         {setting: _rejections(inversion, setting_of == setting, broken, partly) for setting in fitted},
         identified,
+    )
+
+
+def fitted_wind(fit: CoefficientFit, start: WindEstimate, problem: Problem) -> WindEstimate:
+    """Return the wind of a fit with the wind free, relative to the problem; `start` is the wind it was fitted from."""
+    scale, direction = (fit.fit.parameter(name) for name in WIND)
+    interval, angles = fit.fit.interval(WIND[0]), fit.fit.interval(WIND[1])
+    reference = wind_of_problem(problem)
+    total = start.scale * scale["value"]
+    return WindEstimate(
+        "fit",
+        total,
+        start.direction_offset_deg + direction["value"],
+        start.scale * scale["standard_error"],
+        direction["standard_error"],
+        (start.scale * interval[0], start.scale * interval[1]),
+        (start.direction_offset_deg + angles[0], start.direction_offset_deg + angles[1]),
+        correlation=fit.fit.correlation_of(*WIND),
+        samples=sum(fit.samples.values()),
+        effective_samples=scale["effective_samples"],
+        outliers=sum(fit.outliers.values()),
+        residual_m_s=float(np.max(fit.fit.scales)),
+        reference_speed_m_s=total * (reference.reference_speed_m_s or 0.0),
+        reference_height_m=reference.reference_height_m,
     )
 
 

@@ -23,6 +23,7 @@ from kiteocp.physics import aerodynamics
 from kiteocp.physics.kinematics import DOWN, radians
 from kiteocp.physics.model import Coefficients, Model, Position, Surroundings
 from kiteocp.physics.parameters import Parameters, Structure, parameter_values, parameters_of
+from kiteocp.physics.tether import force_at_kite
 from kiteocp.problem import Problem
 
 FloatArray = NDArray[np.float64]
@@ -117,6 +118,13 @@ def apparent_wind(model: Model, measured: Any) -> ApparentWind:
     )
 
 
+def turned_sample(measured: Any, angle_deg: Any) -> Any:
+    """Return a column of `MEASURED` in the frame of a wind that blows towards an azimuth (symbols)."""
+    rows = ca.vertsplit(measured)
+    index = MEASURED.index("azimuth_deg")
+    return ca.vertcat(*rows[:index], rows[index] - angle_deg, *rows[index + 1 :])
+
+
 def _exact(wind: ApparentWind, resultant: Any) -> dict[str, Any]:
     """Coefficients by the model's own equilibrium, in the order of `COEFFICIENTS`."""
     angle, tether_drag = wind.force_angle, wind.around.drag_coefficient
@@ -158,6 +166,9 @@ def _inversion(structure: Structure) -> tuple[ca.Function, tuple[str, ...]]:
         "apparent_wind_speed_m_s": wind.speed,
         "radial_apparent_wind_speed_m_s": wind.velocity[0],
         "aerodynamic_force_N": wind.force_magnitude,
+        "tether_force_kite_N": force_at_kite(
+            wind.force[0] - wind.around.weight_along, wind.around.sag, wind.around.tether_weight_along
+        ),
         "force_angle_rad": wind.force_angle,
         **{f"exact.{name}": value for name, value in _exact(wind, resultant).items()},
         **{f"paper.{name}": value for name, value in _paper(wind, resultant, measured[3]).items()},

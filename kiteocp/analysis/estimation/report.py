@@ -32,6 +32,7 @@ def format_estimates(result: Result) -> str:
         *_wind(found),
         "",
         "mean and half width of its 95 % interval; n_eff: independent samples that C_L is worth",
+        "paper: sections 3.3 and 3.4; exact: the model's own equilibrium; fit: all samples at once, robust",
         *_table(found),
     ]
     lines += _wind_effect(found)
@@ -61,6 +62,9 @@ def _wind(found: Mapping[str, Any]) -> list[str]:
     if wind["airspeed_gain"] is not None:
         error = wind["airspeed_gain_standard_error"]
         lines.append(f"  the airspeed sensor shows {wind['airspeed_gain']:.3f} +- {error:.3f} of the airspeed")
+    if len(found["wind_by_cycle"]) > 1:
+        speeds = ", ".join(f"{cycle}: {of['reference_speed_m_s']:.1f}" for cycle, of in found["wind_by_cycle"].items())
+        lines.append(f"  by cycle (m/s): {speeds}")
     factor = fit["wind_scale"]
     low, high = (end * speed if wind["source"] != "fit" else end for end in factor["interval"])
     correlations = fit["correlation_of_wind_scale"]

@@ -9,19 +9,19 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from kiteocp.analysis.estimation.averages import Average, average
 from kiteocp.analysis.estimation.bias import RoundTrip, round_trip
-from kiteocp.analysis.estimation.fit import WIND, CoefficientFit, fit_coefficients
+from kiteocp.analysis.estimation.fit import WIND, CoefficientFit, fit_coefficients, fitted_wind
 from kiteocp.analysis.estimation.inversion import COEFFICIENTS, Inversion, invert
-from kiteocp.analysis.estimation.robust import NORMAL
+from kiteocp.analysis.estimation.phases import WAYS, PhaseEstimate, phase_estimates
 from kiteocp.analysis.estimation.wind import (
     FEWEST_SAMPLES,
     WindEstimate,
     wind_from_airspeed,
     wind_from_ground,
     wind_of_problem,
+    winds_by_cycle,
 )
-from kiteocp.analysis.flights import FLIGHT_PHASES, FlightData
+from kiteocp.analysis.flights import FlightData
 from kiteocp.errors import CycleError, InputError
 from kiteocp.problem import Problem
 from kiteocp.result import Result
@@ -31,44 +31,8 @@ FloatArray = NDArray[np.float64]
 WindSource = Literal["airspeed", "ground", "fit", "problem"]
 WIND_SOURCES: tuple[WindSource, ...] = ("airspeed", "ground", "fit", "problem")
 
-#: The two ways to the coefficients of a sample.
-WAYS = ("paper", "exact")
-
-#: A sample counts as an outlier of its phase where a coefficient is so many robust standard deviations off the median.
-OUTLIER = 6.0
-JUDGED_BY = ("lift_coefficient", "kite_drag_coefficient", "kite_lift_to_drag")
-
 #: Median resultant coefficients that no kite has: problem and flight do not belong together, or a unit is wrong.
 CREDIBLE = (0.02, 4.0)
-
-
-@dataclass(frozen=True)
-class PhaseEstimate:
-    """Coefficients of one phase by one way.
-
-    Attributes
-    ----------
-    averages
-        By name of `COEFFICIENTS` (the paper's also ``kinematic_ratio``), over the samples used.
-    samples, used
-        Of the phase, and of them with an answer that is no outlier.
-    rejected
-        The others by reason, ``outlier`` among them.
-    """
-
-    averages: Mapping[str, Average]
-    samples: int
-    used: int
-    rejected: Mapping[str, int]
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the keys of the summary."""
-        return {
-            **{name: found.to_dict() for name, found in self.averages.items()},
-            "samples": self.samples,
-            "used": self.used,
-            "rejected": dict(self.rejected),
-        }
 
 
 @dataclass(frozen=True)
@@ -83,6 +47,8 @@ class Estimation:
         As given, and with the fitted coefficients and the wind.
     wind
         The wind used.
+    winds
+        Wind of each cycle where it comes from the airspeed, else none.
     inversion
         Coefficients of every sample.
     phases
@@ -104,6 +70,7 @@ class Estimation:
     problem: Problem
     estimated: Problem
     wind: WindEstimate
+    winds: Mapping[int, WindEstimate]
     inversion: Inversion
     phases: Mapping[str, Mapping[str, PhaseEstimate]]
     fit: CoefficientFit
@@ -120,6 +87,7 @@ class Estimation:
             "samples": len(self.flight),
             "repaired_or_dropped_in_reading": dict(self.flight.counts),
             "wind": self.wind.to_dict(),
+            "wind_by_cycle": {str(cycle): wind.to_dict() for cycle, wind in self.winds.items()},
             "phases": {
                 phase: {way: found.to_dict() for way, found in ways.items()} for phase, ways in self.phases.items()
             },
@@ -167,7 +135,13 @@ class Estimation:
         return {**measured, **derived}
 
 
-_DERIVED = ("wind_speed_m_s", "apparent_wind_speed_m_s", "radial_apparent_wind_speed_m_s", "aerodynamic_force_N")
+_DERIVED = (
+    "wind_speed_m_s",
+    "apparent_wind_speed_m_s",
+    "radial_apparent_wind_speed_m_s",
+    "aerodynamic_force_N",
+    "tether_force_kite_N",
+)
 
 
 def estimate(
@@ -235,37 +209,14 @@ def estimate(
         problem=problem,
         estimated=estimated,
         wind=found,
+        winds=winds_by_cycle(chosen, problem, found) if found.source == "airspeed" else {},
         inversion=inversion,
-        phases=_phase_estimates(turned, inversion),
+        phases=phase_estimates(turned, inversion),
         fit=fit,
         fit_with_wind=fit_with_wind,
         round_trip=trip,
         wind_effect=_wind_effect(turned, problem, found, fit),
         warnings=tuple(warnings),
-    )
-
-
-def fitted_wind(fit: CoefficientFit, start: WindEstimate, problem: Problem) -> WindEstimate:
-    """Return the wind of a fit with the wind free, relative to the problem; `start` is the wind it was fitted from."""
-    scale, direction = (fit.fit.parameter(name) for name in WIND)
-    interval, angles = fit.fit.interval(WIND[0]), fit.fit.interval(WIND[1])
-    reference = wind_of_problem(problem)
-    total = start.scale * scale["value"]
-    return WindEstimate(
-        "fit",
-        total,
-        start.direction_offset_deg + direction["value"],
-        start.scale * scale["standard_error"],
-        direction["standard_error"],
-        (start.scale * interval[0], start.scale * interval[1]),
-        (start.direction_offset_deg + angles[0], start.direction_offset_deg + angles[1]),
-        correlation=fit.fit.correlation_of(*WIND),
-        samples=sum(fit.samples.values()),
-        effective_samples=scale["effective_samples"],
-        outliers=sum(fit.outliers.values()),
-        residual_m_s=float(np.max(fit.fit.scales)),
-        reference_speed_m_s=total * (reference.reference_speed_m_s or 0.0),
-        reference_height_m=reference.reference_height_m,
     )
 
 
@@ -316,38 +267,6 @@ def _check_credible(inversion: Inversion, flight: FlightData, problem: Problem) 
             "unit of the tether force",
             file=flight.name,
         )
-
-
-def _phase_estimates(flight: FlightData, inversion: Inversion) -> dict[str, dict[str, PhaseEstimate]]:
-    return {
-        phase: {way: _phase_estimate(flight, inversion, flight.phase == phase, way) for way in WAYS}
-        for phase in FLIGHT_PHASES
-        if np.any(flight.phase == phase)
-    }
-
-
-def _phase_estimate(flight: FlightData, inversion: Inversion, inside: NDArray[np.bool_], way: str) -> PhaseEstimate:
-    quantities = {
-        name: inversion.quantities[f"{way}.{name}"][inside]
-        for name in (*COEFFICIENTS, "kinematic_ratio")
-        if f"{way}.{name}" in inversion.quantities
-    }
-    answered = np.isfinite(quantities["lift_coefficient"])
-    outlying = np.zeros_like(answered)
-    for name in JUDGED_BY:
-        values = quantities[name]
-        if answered.any():
-            median = np.median(values[answered])
-            spread = NORMAL * np.median(np.abs(values[answered] - median))
-            # The smallest spread is rounding, in a flight without errors.
-            outlying |= answered & (np.abs(values - median) > OUTLIER * max(spread, 1e-6 * abs(median)))
-    used = answered & ~outlying
-    time = flight.time_s[inside]
-    rejected = inversion.counts(way, inside)
-    if outlying.any():
-        rejected["outlier"] = int(outlying.sum())
-    averages = {name: average(time, np.where(used, values, np.nan)) for name, values in quantities.items()}
-    return PhaseEstimate(averages, int(inside.sum()), int(used.sum()), rejected)
 
 
 def _round_trip(estimated: Problem, problem: Problem) -> RoundTrip | None:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from kiteocp.analysis.estimation.wind import ground_height
+from kiteocp.analysis.estimation.profile import ground_height
 from kiteocp.analysis.flights import FlightData
 from kiteocp.cycle.phases import KINDS, PHASES, PhaseName
 from kiteocp.errors import InputError

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -11,24 +12,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kiteocp.analysis.estimation.averages import average
-from kiteocp.analysis.estimation.inversion import MEASURED, apparent_wind, measured_samples
+from kiteocp.analysis.estimation.inversion import MEASURED, apparent_wind, measured_samples, turned_sample
+from kiteocp.analysis.estimation.profile import SPEED_KEYS, ground_height, reference_height, scaled_wind, wind_function
 from kiteocp.analysis.estimation.robust import TUKEY, RobustFit, robust_fit, tukey_loss
 from kiteocp.analysis.flights import FlightData
 from kiteocp.errors import InputError
 from kiteocp.physics.model import Model
-from kiteocp.physics.parameters import Parameters, ParameterValues, Structure, parameter_values, parameters_of
+from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values, parameters_of
 from kiteocp.problem import Problem
 
 FloatArray = NDArray[np.float64]
 
-#: Numbers of a wind profile that scale with its speed.
-SPEED_KEYS = ("environment.wind.reference_speed_m_s", "environment.wind.speeds_m_s[")
-
 #: Where a factor on the wind speed is looked for, an angle (deg), and what an airspeed sensor shows of the airspeed.
 SCALES, ANGLES_DEG, GAINS = (0.05, 20.0), (-120.0, 120.0), (0.3, 3.0)
-
-#: Height at which wind is measured by convention (World Meteorological Organization), m.
-STANDARD_HEIGHT_M = 10.0
 
 #: Samples below which no wind is estimated.
 FEWEST_SAMPLES = 20
@@ -106,13 +102,6 @@ def wind_speeds(values: ParameterValues) -> dict[str, float]:
     return {key: values[key] for key in values.structure.keys if key.startswith(SPEED_KEYS)}
 
 
-def scaled_wind(parameters: Parameters, scale: Any) -> Any:
-    """Return the parameter vector with the wind speed scaled (every profile is linear in its speeds)."""
-    keys = parameters.structure.keys
-    factors = [scale if key.startswith(SPEED_KEYS) else 1.0 for key in keys]
-    return parameters.vector * ca.vertcat(*factors)
-
-
 def wind_of_problem(problem: Problem) -> WindEstimate:
     """Return the wind of the problem itself."""
     return _with_speed(WindEstimate("problem", 1.0), problem)
@@ -144,7 +133,7 @@ def wind_from_ground(flight: FlightData, problem: Problem, *, height_m: float | 
         )
     values = parameter_values(problem)
     height = float(ground_height(values)) if height_m is None else height_m
-    speed = float(_wind_function(values.structure)(height, values.vector))
+    speed = float(wind_function(values.structure)(height, values.vector))
     if not speed > 0:
         raise InputError(
             f"the wind profile has no wind at {height:g} m; give the height of the sensor", file=flight.name
@@ -232,10 +221,31 @@ def wind_from_airspeed(flight: FlightData, problem: Problem, *, calibrate: bool 
     return _with_speed(_estimate_of(best, "airspeed", int(usable.sum())), problem)
 
 
+def winds_by_cycle(flight: FlightData, problem: Problem, wind: WindEstimate) -> dict[int, WindEstimate]:
+    """Estimate the wind of each cycle from its airspeed, with the gain of the sensor that the whole flight gave.
+
+    Parameters
+    ----------
+    flight, problem
+        As of `wind_from_airspeed`.
+    wind
+        What that found for the whole flight.
+    """
+    gain = wind.airspeed_gain or 1.0
+    gauged = replace(flight, apparent_wind_speed_m_s=flight.apparent_wind_speed_m_s / gain)
+    found = {}
+    for cycle in flight.cycles():
+        part = gauged.select([cycle])
+        # A cycle without enough samples is left out.
+        with suppress(InputError):
+            found[cycle] = wind_from_airspeed(part, problem, calibrate=False)
+    return found
+
+
 def _starting_scales(values: ParameterValues, flight: FlightData) -> tuple[float, ...]:
     """Return the wind of the problem, and 4 and 12 m/s at the mean height of the flight, as scales."""
     height = float(np.nanmean(flight.distance_m * np.sin(np.radians(flight.elevation_deg))))
-    speed = max(float(_wind_function(values.structure)(height, values.vector)), 0.1)
+    speed = max(float(wind_function(values.structure)(height, values.vector)), 0.1)
     return 1.0, 4.0 / speed, 12.0 / speed
 
 
@@ -264,28 +274,8 @@ def _estimate_of(fit: RobustFit, source: str, samples: int) -> WindEstimate:
 def _with_speed(estimate: WindEstimate, problem: Problem) -> WindEstimate:
     values = parameter_values(problem)
     height = reference_height(values)
-    speed = estimate.scale * float(_wind_function(values.structure)(height, values.vector))
+    speed = estimate.scale * float(wind_function(values.structure)(height, values.vector))
     return replace(estimate, reference_speed_m_s=speed, reference_height_m=height)
-
-
-def reference_height(numbers: Parameters | ParameterValues) -> Any:
-    """Height at which a wind profile is given, m: the last of a table, and 10 m where the wind is uniform."""
-    if "environment.wind.reference_height_m" in numbers:
-        return numbers["environment.wind.reference_height_m"]
-    heights = [key for key in numbers.structure.keys if key.startswith("environment.wind.heights_m[")]
-    return numbers[heights[-1]] if heights else STANDARD_HEIGHT_M
-
-
-def ground_height(numbers: Parameters | ParameterValues) -> Any:
-    """Height of a wind sensor at the ground where none is given: that of the profile, 10 m at most."""
-    return ca.fmin(reference_height(numbers), STANDARD_HEIGHT_M)
-
-
-@lru_cache(maxsize=32)
-def _wind_function(structure: Structure) -> ca.Function:
-    """Build (once) ``(height, p) -> wind speed``."""
-    parameters, height = parameters_of(structure), ca.SX.sym("height")
-    return ca.Function("wind", [height, parameters.vector], [Model(parameters).wind_speed(height)])
 
 
 @lru_cache(maxsize=32)
@@ -301,10 +291,3 @@ def _airspeed_function(structure: Structure) -> ca.Function:
         [inputs, parameters.vector, unknown],
         [residual, ca.densify(ca.jacobian(residual, unknown)).T],
     )
-
-
-def turned_sample(measured: Any, angle_deg: Any) -> Any:
-    """Return a column of `MEASURED` in the frame of a wind that blows towards an azimuth (symbols)."""
-    rows = ca.vertsplit(measured)
-    index = MEASURED.index("azimuth_deg")
-    return ca.vertcat(*rows[:index], rows[index] - angle_deg, *rows[index + 1 :])
