@@ -18,7 +18,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from kiteocp.cycle.laws import STATE, phase_functions
+from kiteocp.cycle.laws import ELEVATION, ENERGY, LENGTH, TIME, phase_functions
 from kiteocp.cycle.phases import PHASES
 from kiteocp.cycle.tableaus import DORMAND_PRINCE_5, DORMAND_PRINCE_8, Tableau
 from kiteocp.cycle.transition import TransitionFunctions, transition_functions
@@ -57,8 +57,6 @@ BRANCH_MARGIN = 0.02
 
 #: Share of its change over the interval up to which a function may miss zero before the last step to its crossing.
 CROSSING_MARGIN = 0.1
-
-TIME, LENGTH, ELEVATION, ENERGY = range(len(STATE))
 
 #: Quantities of each phase and of the cycle; the outputs are named ``retraction_duration_s`` and so on.
 QUANTITIES = ("duration_s", "energy_J", "mean_power_W")

@@ -10,7 +10,7 @@ import numpy as np
 
 from kiteocp.cycle.buffered import BufferedFunction
 from kiteocp.cycle.integrator import IntegrationError
-from kiteocp.cycle.laws import STATE, phase_functions
+from kiteocp.cycle.laws import ELEVATION, PHASE_ENDS, STATE, phase_functions
 from kiteocp.cycle.phases import PhaseName
 from kiteocp.cycle.summary import air_function
 from kiteocp.physics.parameters import ParameterValues, Structure, parameters_of
@@ -64,8 +64,8 @@ def finite_difference_phase(
     rates = BufferedFunction(phase_functions(values.structure, name).rates)
     block = BufferedFunction(_block_of_steps(values.structure, name))
     steps, parameters = np.full(BLOCK, step_s), np.tile(values.vector, BLOCK)
-    by_elevation = name == "transition"
-    column = STATE.index("elevation_rad" if by_elevation else "tether_length_m")
+    column = PHASE_ENDS[name].component
+    by_elevation = column == ELEVATION
     parts, last = [start[None, :]], start
     done = False
     while not done:
@@ -117,10 +117,8 @@ def _block_of_steps(structure: Structure, name: PhaseName) -> ca.Function:
 def _ordinary_steps(ahead: np.ndarray, column: int, end: float, max_time: float) -> int:
     """Count the steps before the first that ends the phase, takes too long or leaves the domain."""
     before, after = ahead[:-1, column], ahead[1:, column]
-    if column == STATE.index("elevation_rad"):
-        ends = after <= end
-    else:
-        ends = ((after - end) * (before - end) <= 0) & (after != before)
+    crossed = ((after - end) * (before - end) <= 0) & (after != before)
+    ends = after <= end if column == ELEVATION else crossed
     special = ends | (ahead[1:, 0] > max_time) | ~np.isfinite(ahead[1:]).all(axis=1)
     return int(np.argmax(special)) if special.any() else len(special)
 

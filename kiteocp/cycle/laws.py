@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
@@ -20,13 +21,59 @@ from kiteocp.physics.equilibrium import (
 )
 from kiteocp.physics.kinematics import radians
 from kiteocp.physics.model import Coefficients, FlightState, Model, Position, Surroundings
-from kiteocp.physics.parameters import Parameters, Structure, parameters_of
+from kiteocp.physics.parameters import Parameters, ParameterValues, Structure, parameters_of
 
 #: How the equilibrium of a state is found: in closed form, or by `casadi.rootfinder` on the residual.
 Equilibrium = Literal["explicit", "rootfinder"]
 
 #: Components of the state that is integrated.
 STATE = ("time_s", "tether_length_m", "elevation_rad", "energy_J")
+TIME, LENGTH, ELEVATION, ENERGY = range(len(STATE))
+
+
+@dataclass(frozen=True)
+class PhaseEnd:
+    """What ends a phase of the prescribed cycle: a component of the state reaches a number of the file.
+
+    Attributes
+    ----------
+    component
+        Index in `STATE`.
+    key
+        Key path of the number.
+    factor
+        From the unit of the file to that of the state.
+    monotone
+        Whether the component moves towards its end throughout, so that it can be stepped in instead of the time.
+    """
+
+    component: int
+    key: str
+    factor: float
+    monotone: bool
+
+    def value(self, values: ParameterValues) -> float:
+        """Value of the component at which the phase ends."""
+        return values[self.key] * self.factor
+
+
+#: Each phase ends at a tether length, the transition at an elevation; the kite flying down, that is monotone.
+PHASE_ENDS: dict[PhaseName, PhaseEnd] = {
+    "retraction": PhaseEnd(LENGTH, "operation.tether_length_min_m", 1.0, False),
+    "transition": PhaseEnd(ELEVATION, "operation.traction.elevation_deg", math.pi / 180, True),
+    "traction": PhaseEnd(LENGTH, "operation.tether_length_max_m", 1.0, True),
+}
+
+
+def cycle_start(values: ParameterValues) -> np.ndarray:
+    """Return the state in which the prescribed cycle starts: that in which its traction ends, shape (4,)."""
+    longest, elevation = (PHASE_ENDS[name].value(values) for name in ("traction", "transition"))
+    return np.array([0.0, longest, elevation, 0.0])
+
+
+def next_start(states: np.ndarray) -> np.ndarray:
+    """Return the state in which the phase after one with these states, shape (n, 4), starts."""
+    return np.array([0.0, states[-1, LENGTH], states[-1, ELEVATION], 0.0])
 
 
 @dataclass(frozen=True)
@@ -110,7 +157,7 @@ def phase_functions(structure: Structure, name: PhaseName, equilibrium: Equilibr
     symbol: Any = ca.SX if explicit else ca.MX
     parameters = parameters_of(structure) if explicit else Parameters(structure, ca.MX)
     state = symbol.sym("state", len(STATE))
-    length, elevation = state[1], state[2]
+    length, elevation = state[LENGTH], state[ELEVATION]
     flight = prescribed_state(Model(parameters), kind, length, elevation, equilibrium)
     # The traction is a mean over crosswind manoeuvres: it moves along the tether only.
     course = kind.course

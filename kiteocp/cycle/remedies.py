@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from kiteocp.cycle.integrator import IntegrationError, Integrator
-from kiteocp.cycle.laws import STATE, phase_functions
-from kiteocp.cycle.phases import PHASES
+from kiteocp.cycle.laws import PHASE_ENDS, cycle_start, next_start, phase_functions
+from kiteocp.cycle.phases import PHASES, PhaseName
 from kiteocp.cycle.simulation import LONGEST_PHASE_S, SCALES, fly
 from kiteocp.errors import CycleError
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values
@@ -163,34 +163,30 @@ def _flies(values: ParameterValues) -> bool:
 
     A state that ceases to exist is approached in ever smaller steps; to know it to nine digits takes a second.
     """
-    length, elevation = (
-        values["operation.tether_length_max_m"],
-        math.radians(values["operation.traction.elevation_deg"]),
-    )
-    ends = (values["operation.tether_length_min_m"], elevation, values["operation.tether_length_max_m"])
+    start = cycle_start(values)
     try:
-        for integrator, end in zip(_rough_integrators(values.structure), ends, strict=True):
-            states = integrator.run(np.array([0.0, length, elevation, 0.0]), values.vector, end, LONGEST_PHASE_S)
-            length, elevation = (float(number) for number in states[-1, 1:3])
+        for name in PHASES:
+            integrator = _rough_integrators(values.structure)[name]
+            end = PHASE_ENDS[name].value(values)
+            start = next_start(integrator.run(start, values.vector, end, LONGEST_PHASE_S))
     except IntegrationError:
         return False
     return True
 
 
 @lru_cache(maxsize=16)
-def _rough_integrators(structure: Structure) -> tuple[Integrator, ...]:
-    ends = (("tether_length_m", False), ("elevation_rad", True), ("tether_length_m", True))
-    return tuple(
-        Integrator(
+def _rough_integrators(structure: Structure) -> dict[PhaseName, Integrator]:
+    return {
+        name: Integrator(
             phase_functions(structure, name).rates,
-            STATE.index(quantity),
-            monotone,
+            end.component,
+            end.monotone,
             SCALES,
             tolerance=ROUGH_TOLERANCE,
             max_steps=ROUGH_STEPS,
         )
-        for name, (quantity, monotone) in zip(PHASES, ends, strict=True)
-    )
+        for name, end in PHASE_ENDS.items()
+    }
 
 
 def _value(values: ParameterValues, key: str) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 
 from kiteocp.cycle.finite_difference import characteristic_time, finite_difference_phase
 from kiteocp.cycle.integrator import IntegrationError, Integrator
-from kiteocp.cycle.laws import STATE, Equilibrium, phase_functions
+from kiteocp.cycle.laws import PHASE_ENDS, Equilibrium, cycle_start, next_start, phase_functions
 from kiteocp.cycle.phases import KINDS, PHASES, FlownPhase, PhaseName
 from kiteocp.cycle.summary import (
     PhaseRecord,
@@ -123,28 +123,22 @@ def fly(
     CycleError
         As `simulate`.
     """
-    start = np.array(
-        [0.0, values["operation.tether_length_max_m"], np.radians(values["operation.traction.elevation_deg"]), 0.0]
-    )
-    ends: dict[PhaseName, float] = {
-        "retraction": values["operation.tether_length_min_m"],
-        "transition": float(start[2]),
-        "traction": values["operation.tether_length_max_m"],
-    }
+    start = cycle_start(values)
     flown = []
     for name in PHASES:
-        _check_start(name, start, ends[name])
+        end = PHASE_ENDS[name].value(values)
+        _check_start(name, start, end)
         try:
             if time_step is None:
                 integrator = _integrators(values.structure, equilibrium)[name]
-                states = integrator.run(start, values.vector, ends[name], LONGEST_PHASE_S)
+                states = integrator.run(start, values.vector, end, LONGEST_PHASE_S)
             else:
                 step = time_step * characteristic_time(values)
-                states = finite_difference_phase(values, name, start, ends[name], step, LONGEST_PHASE_S)
+                states = finite_difference_phase(values, name, start, end, step, LONGEST_PHASE_S)
         except IntegrationError as error:
             raise cycle_error(values, name, error.state, error.reason) from None
         flown.append(FlownPhase(name, states))
-        start = np.array([0.0, states[-1, 1], states[-1, 2], 0.0])
+        start = next_start(states)
     return flown
 
 
@@ -163,21 +157,14 @@ def _check_start(name: PhaseName, start: np.ndarray, end: float) -> None:
 
 @lru_cache(maxsize=32)
 def _integrators(structure: Structure, equilibrium: Equilibrium) -> dict[PhaseName, Integrator]:
-    """Each phase ends at a tether length, the transition at an elevation; the kite flying down, that is monotone."""
-    length, elevation = STATE.index("tether_length_m"), STATE.index("elevation_rad")
-    targets: dict[PhaseName, tuple[int, bool]] = {
-        "retraction": (length, False),
-        "transition": (elevation, True),
-        "traction": (length, True),
-    }
     integrators = {}
-    for name, (target, monotone) in targets.items():
+    for name, end in PHASE_ENDS.items():
         # The law of the transition has kinks: in closed form it is stepped by its branches.
         kinked = name == "transition"
         by_branches = kinked and equilibrium == "explicit"
         rates = transition_branches(structure) if by_branches else phase_functions(structure, name, equilibrium).rates
         order = 5 if kinked and not by_branches else 8
-        integrators[name] = Integrator(rates, target, monotone, SCALES, order=order)
+        integrators[name] = Integrator(rates, end.component, end.monotone, SCALES, order=order)
     return integrators
 
 

@@ -16,14 +16,12 @@ import casadi as ca
 import numpy as np
 
 from kiteocp.cycle.buffered import BufferedFunction
-from kiteocp.cycle.laws import STATE, phase_functions
+from kiteocp.cycle.laws import ELEVATION, ENERGY, PHASE_ENDS, STATE, TIME, phase_functions
 from kiteocp.cycle.phases import PHASES, PhaseName
 from kiteocp.cycle.simulation import fly
 from kiteocp.cycle.tableaus import DORMAND_PRINCE_8
 from kiteocp.cycle.transition import transition_branches
 from kiteocp.physics.parameters import Parameters, ParameterValues, Structure, parameters_of
-
-TIME, LENGTH, ELEVATION, ENERGY = range(len(STATE))
 
 #: What is differentiated: of each phase and of the cycle, named as in the summary, ``traction.mean_power_W``.
 QUANTITIES = tuple(
@@ -62,27 +60,22 @@ def cycle_and_tangent(values: ParameterValues, directions: np.ndarray) -> tuple[
     treatment of inverse problems in chemical reaction kinetics*, 1981.
     """
     row = {key: directions[index] for index, key in enumerate(values.structure.keys)}
-    longest = row["operation.tether_length_max_m"]
-    elevation = row["operation.traction.elevation_deg"] * (np.pi / 180)
-    nothing = np.zeros_like(longest)
-    # Component that ends a phase, how its end moves, and whether all steps of the phase are steps in it.
-    ends: dict[PhaseName, tuple[int, np.ndarray, bool]] = {
-        "retraction": (LENGTH, row["operation.tether_length_min_m"], False),
-        "transition": (ELEVATION, elevation, True),
-        "traction": (LENGTH, longest, True),
-    }
-    tangent = np.array([nothing, longest, elevation, nothing])
+    # How the ends of the phases move.
+    ends = {name: row[end.key] * end.factor for name, end in PHASE_ENDS.items()}
+    nothing = np.zeros(directions.shape[1])
+    tangent = np.array([nothing, ends["traction"], ends["transition"], nothing])
     parts: list[tuple[float, float, np.ndarray, np.ndarray]] = []
     weightless = values["environment.gravity_m_s2"] == 0.0
     for phase in fly(values):
-        target, end, monotone = ends[phase.name]
+        end, target = ends[phase.name], PHASE_ENDS[phase.name].component
         tangent[[TIME, ENERGY]] = 0.0
         states, branches = phase.states, [0] * len(phase.states)
         if phase.name == "transition":
             states, branches = _from_kink_to_kink(values, states, weightless)
         last = len(states) - 2
         for number, (state, after) in enumerate(itertools.pairwise(states)):
-            independent = target if monotone or number == last else TIME
+            # Where all steps of a phase are steps in the component that ends it, so are those of the tangent.
+            independent = target if PHASE_ENDS[phase.name].monotone or number == last else TIME
             moving = end - tangent[target] if number == last else nothing
             step = after[independent] - state[independent]
             system = _linearised(values.structure, phase.name, branches[number], weightless)
