@@ -8,19 +8,21 @@ from typing import Any
 
 import numpy as np
 
+from kiteocp.analysis.estimation.fit import CoefficientFit
 from kiteocp.analysis.flights.data import FlightData
 from kiteocp.analysis.flights.kite import (
     OWN_WIND,
     CycleWind,
     EstimatedKite,
     covariance_of_cycle,
+    own_coefficients,
     shifted,
     values_of_cycle,
     wind_of_cycle,
 )
 from kiteocp.analysis.flights.measured import MeasuredCycle, MeasuredPhase, measured_cycle
 from kiteocp.analysis.flights.prescribed import FlownLaw, fly_law
-from kiteocp.analysis.flights.replay import Path, Replay, WinchLaw, path_of, replay
+from kiteocp.analysis.flights.replay import Path, Replay, WinchLaw, matching_wind, path_of, replay
 from kiteocp.errors import CycleError
 from kiteocp.physics.parameters import ParameterValues
 
@@ -154,6 +156,11 @@ class CycleComparison:
         Mean power of the whole cycle, by law (the law of constant force only where it can fly every phase).
     wind_elasticity
         By ``law.phase``: relative change of the predicted mean power per relative change of the wind.
+    matching_wind
+        Factor on this wind with which the flown force makes the path of the traction reel out as far as measured; None
+        where no wind does.
+    own
+        Coefficients that this cycle by itself asks for in its wind; None where it is too short.
     """
 
     measured: MeasuredCycle
@@ -161,6 +168,16 @@ class CycleComparison:
     phases: Mapping[str, PhaseComparison]
     power: Mapping[str, Prediction]
     wind_elasticity: Mapping[str, float]
+    matching_wind: float | None
+    own: CoefficientFit | None
+
+    @property
+    def matching_sigmas(self) -> float:
+        """How many standard errors of the wind the matching one is off; infinite where the wind has none."""
+        if self.matching_wind is None:
+            return float("nan")
+        error = float(np.sqrt(self.wind.covariance[0, 0])) / self.wind.estimate.scale
+        return abs(self.matching_wind - 1.0) / error if error > 0 else float("inf")
 
     def to_dict(self) -> dict[str, Any]:
         """Return the keys of the summary."""
@@ -169,6 +186,8 @@ class CycleComparison:
             "duration_s": self.measured.duration_s,
             "mean_power_W": self.measured.mean_power_W,
             "wind": self.wind.estimate.to_dict() | {"own_standard_error": float(np.sqrt(self.wind.covariance[0, 0]))},
+            "own_coefficients": None if self.own is None else self.own.to_dict()["settings"],
+            "matching_wind_factor": self.matching_wind,
             "wind_elasticity_of_power": dict(self.wind_elasticity),
             "predicted_mean_power": {law: found.to_dict() for law, found in self.power.items()},
             "phases": {name: phase.to_dict() for name, phase in self.phases.items()},
@@ -216,7 +235,9 @@ def compare_cycle(flight: FlightData, kite: EstimatedKite, number: int) -> Cycle
 
     phases = {name: _phase_comparison(name, cycle, paths[name], centre, series, error_of) for name in cycle.phases}
     elasticity = _elasticities(values, wind, numbers)
-    return CycleComparison(cycle, wind, phases, _powers(cycle, centre, error_of), elasticity)
+    match = matching_wind(paths["traction"], values)
+    own = own_coefficients(flight, kite, wind.estimate, number)
+    return CycleComparison(cycle, wind, phases, _powers(cycle, centre, error_of), elasticity, match, own)
 
 
 def _paths(flight: FlightData, cycle: MeasuredCycle, kite: EstimatedKite) -> dict[str, Path]:

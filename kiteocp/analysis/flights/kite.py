@@ -14,7 +14,7 @@ from kiteocp.analysis.estimation.inversion import invert
 from kiteocp.analysis.estimation.wind import WindEstimate, wind_from_airspeed, wind_of_problem
 from kiteocp.analysis.flights.cleaning import FloatArray
 from kiteocp.analysis.flights.data import FlightData
-from kiteocp.analysis.flights.replay import WinchLaw, winch_law
+from kiteocp.analysis.flights.replay import WinchLaw, scaled_wind, winch_law
 from kiteocp.errors import InputError
 from kiteocp.physics.parameters import ParameterValues, parameter_values
 from kiteocp.problem import Problem
@@ -139,8 +139,7 @@ def estimate_kite(flight: FlightData, problem: Problem, cycles: Collection[int])
     InputError
         They hold too few usable samples.
     """
-    chosen = flight.select(cycles)
-    chosen = chosen.where(~((chosen.phase == "transition") & (chosen.power_setting < FULLY_POWERED)))
+    chosen = _fitting(flight.select(cycles))
     warnings = []
     by_forces = fit_coefficients(chosen, problem, invert(chosen, problem), fit_wind=True)
     wind = _airspeed_wind(flight.select(cycles), problem)
@@ -180,6 +179,19 @@ def estimate_kite(flight: FlightData, problem: Problem, cycles: Collection[int])
         cycles=tuple(sorted(cycles)),
         warnings=tuple(warnings),
     )
+
+
+def own_coefficients(flight: FlightData, kite: EstimatedKite, wind: WindEstimate, cycle: int) -> CoefficientFit | None:
+    """Fit the coefficients to a single cycle in its wind, to hold against those of the estimation cycles."""
+    try:
+        return _fit(_fitting(flight.select([cycle])), kite.base, wind)
+    except InputError:
+        return None
+
+
+def _fitting(flight: FlightData) -> FlightData:
+    """Return the samples whose power setting is that of their phase."""
+    return flight.where(~((flight.phase == "transition") & (flight.power_setting < FULLY_POWERED)))
 
 
 def wind_of_cycle(flight: FlightData, kite: EstimatedKite, cycle: int) -> CycleWind:
@@ -229,8 +241,7 @@ def shifted(values: ParameterValues, name: str, change: float, wind: CycleWind) 
     if name not in (WIND, OWN_WIND):
         return values.replaced({name: values[name] + change}), 0.0
     ratio = 1.0 + change * (wind.slope if name == WIND else 1.0) / wind.estimate.scale
-    speeds = [key for key in values.structure.keys if key.startswith("environment.wind.") and "speed" in key]
-    return values.replaced({key: values[key] * ratio for key in speeds}), 0.0
+    return scaled_wind(values, ratio), 0.0
 
 
 def _fit(chosen: FlightData, problem: Problem, wind: WindEstimate) -> CoefficientFit:

@@ -30,6 +30,9 @@ FORCES_N, HALVINGS = (1.0, 1e6), 30
 #: not held: its standard deviation is more than a share of its mean.
 LAWFUL, STEADY = 0.8, 0.02
 
+#: Factors on the wind between which the matching one is looked for.
+MATCH = (0.7, 1.5)
+
 #: The speed of the force found may differ from that given by so much (m/s); more means that there is no equilibrium.
 SPEED_TOLERANCE_M_S = 1e-6
 
@@ -209,6 +212,34 @@ def replay(path: Path, values: ParameterValues, law: WinchLaw | None = None) -> 
     missing = np.full(path.time_s.size, np.nan)
     by_winch = force_at(law.speed) if law is not None and path.phase == "traction" else missing
     return Replay(path, speed, kite_speed, by_speed, by_winch, missing if law is None else law.speed(by_winch))
+
+
+def scaled_wind(values: ParameterValues, factor: float) -> ParameterValues:
+    """Return the numbers of a problem with its wind times a factor; every profile is linear in its speeds."""
+    speeds = [key for key in values.structure.keys if key.startswith("environment.wind.") and "speed" in key]
+    return values.replaced({key: factor * values[key] for key in speeds})
+
+
+def matching_wind(path: Path, values: ParameterValues) -> float | None:
+    """Return the factor on the wind with which the flown force makes the path reel out as far as measured.
+
+    None where no factor in `MATCH` does.
+    """
+    function = _state_function(values.structure).map(path.time_s.size)
+    inputs, measured = np.vstack([path.places, path.force_N]), time_mean(path.time_s, path.reeling_speed_m_s)
+
+    def excess(factor: float) -> float:
+        found = np.asarray(function(inputs, scaled_wind(values, factor).vector))[0]
+        # Without an equilibrium there is too little wind.
+        return (time_mean(path.time_s, found) if np.isfinite(found).all() else -np.inf) - measured
+
+    if not (excess(MATCH[0]) < 0 < excess(MATCH[1])):
+        return None
+    low, high = MATCH
+    while high - low > 1e-6:
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if excess(middle) > 0 else (middle, high)
+    return high
 
 
 @lru_cache(maxsize=16)

@@ -31,8 +31,17 @@ QUANTITY_WORDS = {
 #: A prediction of power moves by so many per cent for each per cent of wind before it is called sensitive.
 SENSITIVE = 5.0
 
+#: A wind that matches a traction within this share of the estimated one is the estimated one.
+MATCHED = 0.01
+
+#: Coefficients of two estimates differ beyond so many standard errors, where these are no rounding (relative).
+APART_SIGMAS, KNOWN_SHARE = 2.0, 1e-4
+
 #: A phase of the machine that lasts so many times longer than the model's has more flown in it.
 LONGER = 2.0
+
+#: Time over which a change of the kite's speed is taken, and the acceleration of gravity that it is held against.
+SMOOTHED_S, GRAVITY_M_S2 = 1.0, 9.81
 
 #: Relative standard deviation of the force within the traction beyond which it was not held constant.
 HELD = 0.05
@@ -152,6 +161,7 @@ def _differing(found: list[Finding]) -> Iterator[str]:
 
 def _reasons(study: FlightStudy) -> Iterator[str]:
     yield from _why_sensitive(study)
+    yield from _why_coefficients(study)
     yield from _why_course(study)
     yield from _why_transition(study)
     yield from _why_turn(study)
@@ -181,6 +191,42 @@ def _why_sensitive(study: FlightStudy) -> Iterator[str]:
                 f"Per 1 % of wind the power of the {phase} {LAW_WORDS[law]} moves by {float(np.median(slopes)):.0f} %"
                 f"{known}: speed and force there are small differences of large numbers."
             )
+    matches = [cycle for cycle in study.cycles if cycle.matching_wind is not None]
+    off = [abs((cycle.matching_wind or 1.0) - 1.0) for cycle in matches]
+    if matches and max(off) > MATCHED:
+        changes = " and ".join(
+            f"{100 * ((cycle.matching_wind or 1.0) - 1.0):+.1f} %"
+            + (f" ({cycle.matching_sigmas:.1f} standard errors)" if np.isfinite(cycle.matching_sigmas) else "")
+            for cycle in matches
+        )
+        numbers = " and ".join(str(cycle.measured.number) for cycle in matches)
+        yield (
+            f"A wind {changes} other than that of the airspeed would let the model reel out as far as measured in the "
+            f"traction of cycle {numbers} with the flown force."
+        )
+
+
+def _why_coefficients(study: FlightStudy) -> Iterator[str]:
+    """Hold what each predicted cycle asks for by itself against the estimate."""
+    estimated = study.kite.fit
+    for setting in estimated.samples:
+        for name, symbol in (("lift", "C_L"), ("drag", "C_D")):
+            parameter = f"{setting}.{name}_coefficient"
+            before = estimated.fit.parameter(parameter)
+            own = [cycle.own for cycle in study.cycles if cycle.own is not None]
+            after = [found.fit.parameter(parameter) for found in own if setting in found.samples]
+            apart = [
+                abs(found["value"] - before["value"]) / np.hypot(found["standard_error"], before["standard_error"])
+                for found in after
+                if found["standard_error"] > KNOWN_SHARE * abs(found["value"])
+            ]
+            if apart and max(apart) > APART_SIGMAS:
+                values = " and ".join(f"{found['value']:.3f} +- {found['standard_error']:.3f}" for found in after)
+                yield (
+                    f"By themselves the predicted cycles ask for a {setting} {symbol} of {values} instead of "
+                    f"{before['value']:.3f} +- {before['standard_error']:.3f}: the kite did not fly with the same "
+                    "coefficients, or the wind was not that of the airspeed."
+                )
 
 
 def _why_course(study: FlightStudy) -> Iterator[str]:
@@ -196,11 +242,40 @@ def _why_course(study: FlightStudy) -> Iterator[str]:
     if ratios["down"] and ratios["up"]:
         below, above = (100 * (float(np.mean(found)) - 1) for found in ratios.values())
         if below - above > 100 * HELD:
-            yield (
+            line = (
                 f"At the flown reeling speed the model's force is {below:+.0f} % off where the kite flies down and "
-                f"{above:+.0f} % where it flies up: in the model gravity speeds the kite up and slows it down at once; "
-                "the inertia of a real kite, which a quasi-steady model leaves out, evens that out."
+                f"{above:+.0f} % where it flies up"
             )
+            taken = _inertia(study)
+            if taken is not None:
+                line += (
+                    f": flying down {100 * taken[0]:.0f} % of the kite's weight along its course went into "
+                    f"acceleration, flying up {100 * taken[1]:.0f} % came out of it, and a quasi-steady model has no "
+                    "inertia"
+                )
+            yield f"{line}."
+
+
+def _inertia(study: FlightStudy) -> tuple[float, float] | None:
+    """Return which share of the weight along the course accelerates the kite, flying down and flying up in traction."""
+    sums = {"down": np.zeros(2), "up": np.zeros(2)}
+    for cycle in study.cycles:
+        part = study.flight.select([cycle.measured.number], "traction")
+        time, speed = part.time_s, np.hypot(part.polar_speed_m_s, part.azimuthal_speed_m_s)
+        known = np.isfinite(speed)
+        if np.count_nonzero(known) < 2 or time[-1] - time[0] < SMOOTHED_S:
+            continue
+        # The change of speed over a second, free of the noise of single samples.
+        ends = [np.interp(time + sign * 0.5 * SMOOTHED_S, time[known], speed[known]) for sign in (1.0, -1.0)]
+        down = np.cos(np.radians(part.course_deg))
+        forces = np.stack(
+            [(ends[0] - ends[1]) / SMOOTHED_S, GRAVITY_M_S2 * np.cos(np.radians(part.elevation_deg)) * down]
+        )
+        for way, among in (("down", down > 0.5), ("up", down < -0.5)):
+            sums[way] += np.nansum(forces[:, among], axis=1)
+    if not (sums["down"][1] and sums["up"][1]):
+        return None
+    return float(sums["down"][0] / sums["down"][1]), float(sums["up"][0] / sums["up"][1])
 
 
 def _phase_pairs(study: FlightStudy, phase: str) -> list[CycleComparison]:
