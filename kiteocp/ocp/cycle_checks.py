@@ -1,0 +1,216 @@
+"""What is checked of an optimal cycle: its limits, its re-simulation by the independent integrator, its mean power."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from kiteocp.cycle.phases import PHASE_CHANGES, FlownPhase
+from kiteocp.cycle.schedule import outputs_on_schedule
+from kiteocp.cycle.summary import PhaseRecord
+from kiteocp.errors import CycleError
+from kiteocp.ocp.check import Check, Level
+from kiteocp.ocp.limits import path_limits
+from kiteocp.ocp.optimum import OptimalCycle, quantity_of, speed_jumps
+from kiteocp.physics.equilibrium import OUTPUTS
+
+#: A limit may be exceeded by this share of itself, anywhere in time.
+MARGIN_TOLERANCE = 5e-3
+
+#: Gaps of the re-simulated cycle: energy relative to that of the traction, tether length over the stroke, elevation.
+ENERGY_TOLERANCE = 1e-3
+LENGTH_TOLERANCE = 1e-3
+ELEVATION_TOLERANCE_DEG = 0.1
+
+#: Relative difference between the mean power that was maximised and that of the cycle; both are the same quadrature.
+OBJECTIVE_TOLERANCE = 1e-6
+
+#: Difference between the states of a solution at its mesh points and the closed form there, over their typical sizes.
+STATE_TOLERANCE = 1e-5
+STATE_SCALES = {"reeling_speed": 10.0, "tangential_speed": 10.0, "tether_force_ground": 1e3, "power": 1e4}
+
+#: A quick certificate allows this many times these gaps: on a coarse mesh a force overshoots its limit between two
+#: points, the winch of the re-simulation cuts that off, and the cycle drifts by it. The power is not touched by that.
+QUICK_ALLOWANCE = 4.0
+
+
+@dataclass(frozen=True)
+class LimitMargin:
+    """The point where a cycle comes nearest to a limit, or exceeds it most.
+
+    Attributes
+    ----------
+    key
+        Key path of the limit.
+    phase
+        Where that is.
+    margin
+        Distance to the limit over the limit; negative where it is exceeded.
+    """
+
+    key: str
+    phase: str
+    margin: float
+
+
+def limit_margins(cycle: OptimalCycle, flown: Sequence[FlownPhase] | None) -> list[LimitMargin]:
+    """Find the worst margin of every limit, on dense samples of the solution and along the re-simulated cycle."""
+    values = cycle.values
+    records: list[PhaseRecord] = list(cycle.records)
+    if flown is not None:
+        for schedule, phase in zip(cycle.schedules, flown, strict=True):
+            time, length, elevation, _ = phase.states.T
+            outputs = outputs_on_schedule(values, schedule, time, length, elevation)
+            records.append(PhaseRecord(phase.name, time, length, elevation, outputs, phase.energy_J))
+    margins = []
+    for limit in path_limits(values.structure):
+        bound = limit.bound(values)
+        sign = 1.0 if limit.side == "lower" else -1.0
+        found = [
+            (float(np.min(sign * (quantity_of(record, limit.quantity) - bound))) / max(abs(bound), 1e-9), record.name)
+            for record in records
+            if record.name in limit.phases
+        ]
+        # A number that is not finite is as bad as can be: it must not hide behind a comparison.
+        margin, phase_name = min(found, key=lambda item: item[0] if np.isfinite(item[0]) else -np.inf)
+        margins.append(LimitMargin(limit.key, phase_name, margin))
+    margins += _whole_margins(cycle)
+    return margins
+
+
+def _whole_margins(cycle: OptimalCycle) -> list[LimitMargin]:
+    """Margins of limits that hold for a phase as a whole, and of the winch's acceleration inside the phases."""
+    values, traction = cycle.values, cycle.records[-1]
+    stroke = float(traction.tether_length_m[-1] - traction.tether_length_m[0])
+    reached = {"limits.traction_duration_min_s": traction.duration_s, "limits.stroke_min_m": stroke}
+    margins = [
+        LimitMargin(key, "traction", (value - values[key]) / max(values[key], 1e-9))
+        for key, value in reached.items()
+        if key in values
+    ]
+    key = "limits.reeling_acceleration_max_m_s2"
+    worst = []
+    for record in cycle.records:
+        phase = cycle.trajectory[record.name]
+        speeds, times = phase.values["reeling_speed"], phase.mesh.points * phase.duration
+        rates = np.abs(np.diff(speeds) / np.diff(times))
+        worst.append(((values[key] - float(np.max(rates, initial=0.0))) / values[key], record.name))
+    margin, name = min(worst, key=lambda item: item[0] if np.isfinite(item[0]) else -np.inf)
+    return [*margins, LimitMargin(key, name, margin)]
+
+
+def limits_check(margins: Sequence[LimitMargin]) -> Check:
+    """Check that no limit is exceeded by more than the tolerance, at the mesh points and between them."""
+    worst = min(margins, key=lambda item: item.margin if np.isfinite(item.margin) else -np.inf)
+    passed = bool(np.isfinite(worst.margin) and worst.margin >= -MARGIN_TOLERANCE)
+    violation = max(-worst.margin, 0.0) if np.isfinite(worst.margin) else None
+    if passed and worst.margin >= -1e-6:
+        text = f"all {len(margins)} limits are kept, between the mesh points too"
+    else:
+        allowed = f"{100 * MARGIN_TOLERANCE:g} % allowed"
+        text = f"worst: {worst.key} exceeded by {-100 * worst.margin:.2g} % in the {worst.phase} ({allowed})"
+    return Check("limits", passed, violation, MARGIN_TOLERANCE, text)
+
+
+def resimulation_check(
+    cycle: OptimalCycle, level: Level = "full"
+) -> tuple[Check, list[FlownPhase] | None, dict[str, Any]]:
+    """Fly the schedule by the independent integrator and compare energy, tether length and elevation.
+
+    Parameters
+    ----------
+    cycle
+        The solution.
+    level
+        How near is near enough.
+
+    Returns
+    -------
+    check, flown, facts
+        The flown phases are None where the flight ended early.
+    """
+    facts: dict[str, Any]
+    allowed = QUICK_ALLOWANCE if level == "quick" else 1.0
+    tolerance = allowed * ENERGY_TOLERANCE
+    if not all(np.array_equal(phase.parameters, cycle.values.vector) for phase in cycle.trajectory.phases.values()):
+        text = "the solution belongs to other numbers than those of the problem"
+        return Check("re-simulation", False, None, tolerance, text), None, {"completed": False, "message": text}
+    try:
+        flown = cycle.resimulate()
+    except CycleError as error:
+        facts = {"completed": False, "message": str(error)}
+        return Check("re-simulation", False, None, tolerance, str(error)), None, facts
+    energy = sum(phase.energy_J for phase in flown)
+    last, transition = cycle.records[-1], cycle.records[1]
+    stroke = float(last.tether_length_m[-1] - last.tether_length_m[0])
+    energy_gap = (energy - cycle.energy_J) / abs(last.energy_J)
+    length_gap = float(flown[-1].states[-1, 1] - last.tether_length_m[-1])
+    elevation_gap = float(np.degrees(flown[1].states[-1, 2] - transition.elevation_rad[-1]))
+    state_gap = _state_gap(cycle)
+    passed = (
+        state_gap <= STATE_TOLERANCE
+        and abs(energy_gap) <= tolerance
+        and abs(length_gap) <= allowed * LENGTH_TOLERANCE * abs(stroke)
+        and abs(elevation_gap) <= allowed * ELEVATION_TOLERANCE_DEG
+    )
+    text = (
+        f"energy differs by {100 * energy_gap:+.1g} % of the traction's, tether length by {length_gap:+.2g} m, "
+        f"elevation by {elevation_gap:+.1g} deg"
+    )
+    if not state_gap <= STATE_TOLERANCE:
+        text += f"; the states at the mesh points are not those of the model (by {state_gap:.1g} of their size)"
+    facts = {
+        "completed": True,
+        "energy_J": energy,
+        "energy_gap": energy_gap,
+        "tether_length_gap_m": length_gap,
+        "elevation_gap_deg": elevation_gap,
+        "state_gap": state_gap,
+    }
+    return Check("re-simulation", bool(passed), abs(energy_gap), tolerance, text), flown, facts
+
+
+def _state_gap(cycle: OptimalCycle) -> float:
+    """Compare speeds, force and power of the solution at its mesh points with the closed form there."""
+    gap = 0.0
+    for schedule in cycle.schedules:
+        phase = cycle.trajectory[schedule.name]
+        length = phase.values["tether_length"][1:]
+        held = cycle.trajectory.statics.get("elevation", np.nan)
+        elevation = phase.values["elevation"][1:] if "elevation" in phase.values else np.full(length.size, held)
+        # Just inside the piece that ends at a border, where the polynomial of that piece holds.
+        times = phase.mesh.points * phase.duration * (1 - 1e-12)
+        outputs = outputs_on_schedule(cycle.values, schedule, times, length, elevation)
+        for name, scale in STATE_SCALES.items():
+            difference = np.abs(outputs[OUTPUTS.index(name)] - phase.values[name]) / scale
+            # A number that is missing must not hide.
+            gap = max(gap, float(np.max(np.where(np.isfinite(difference), difference, np.inf))))
+    return gap
+
+
+def objective_check(objective_W: float, cycle: OptimalCycle) -> Check:
+    """Compare the mean power that the program maximised with that of its cycle, phase changes included."""
+    values = cycle.values
+    duration = sum(record.duration_s for record in cycle.records)
+    mean = cycle.energy_J / (duration + PHASE_CHANGES * values["limits.phase_change_time_s"])
+    gap = abs(objective_W - mean) / max(abs(mean), 1.0)
+    text = f"the program maximised {objective_W:.6g} W, its cycle has {mean:.6g} W"
+    return Check("objective", bool(gap <= OBJECTIVE_TOLERANCE), gap, OBJECTIVE_TOLERANCE, text)
+
+
+def jumps_check(cycle: OptimalCycle, limited: bool) -> Check:
+    """Compare the speed jumps between phases with what the winch can do in the phase-change time.
+
+    They decide the status only where the problem asks for jumps that fit (``optimisation.speed_jumps: limited``).
+    """
+    jumps = speed_jumps(cycle.records, cycle.values)
+    worst = max(jumps, key=lambda jump: abs(jump["jump_m_s"]) if np.isfinite(jump["jump_m_s"]) else np.inf)
+    fits = abs(worst["jump_m_s"]) <= worst["allowed_m_s"] * (1 + MARGIN_TOLERANCE)
+    text = (
+        f"largest speed jump {worst['jump_m_s']:+.1f} m/s ({worst['from_phase']} to {worst['to_phase']}), "
+        f"the winch can do {worst['allowed_m_s']:g} m/s in the phase-change time"
+    )
+    return Check("speed jumps", fits if limited else None, abs(worst["jump_m_s"]), worst["allowed_m_s"], text)
