@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 from typing import TYPE_CHECKING
 
 from kiteocp.cli.calculation import load, output_directory
 from kiteocp.cli.output import say
-from kiteocp.cli.parser import add_overrides, add_picture_format, positive_number
+from kiteocp.cli.parser import PICTURE_FORMATS, add_overrides, add_picture_format, positive_number
 from kiteocp.errors import InputError
 
 if TYPE_CHECKING:
@@ -73,6 +74,10 @@ def run(arguments: argparse.Namespace) -> int:
     estimation = _estimated(arguments, problem)
     result = estimation.result()
     written = result.save(directory)
+    # A picture of an earlier run beside new numbers would be taken for theirs.
+    for suffix in PICTURE_FORMATS:
+        with contextlib.suppress(OSError):
+            (directory / f"{NAME}.{suffix}").unlink(missing_ok=True)
     write_atomically({directory / FILE: problem_yaml(estimation).encode()})
     written.append(directory / FILE)
     say(json.dumps(result.summary(), indent=2, ensure_ascii=False) if arguments.json else format_estimates(result))
@@ -80,7 +85,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.plot:
             from kiteocp.plots.estimate import plot_estimate  # noqa: PLC0415  (matplotlib only for a picture)
 
-            written += plot_estimate(result, directory / "estimate", arguments.formats or ("png",))
+            written += plot_estimate(result, directory / NAME, arguments.formats or ("png",))
     finally:
         if not arguments.json:
             say("written: " + ", ".join(str(path) for path in written))

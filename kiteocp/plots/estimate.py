@@ -130,7 +130,8 @@ def _draw_lines(axes: Any, result: Result, lines: Sequence[tuple[str, str, str]]
         margin = 0.08 * max(high - low, 0.1 * abs(high), 1e-6)
         axes.set_ylim(min(low - margin, 0.0) if low >= 0 else low - margin, high + margin)
     axes.set_xlim(float(time[0]), float(time[-1]))
-    if len(lines) > 1:
+    # The next panel has the same colours.
+    if len(lines) > 2:
         axes.legend(loc="upper left", bbox_to_anchor=(1.005, 1.0), frameon=False, fontsize=SMALL_SIZE)
 
 

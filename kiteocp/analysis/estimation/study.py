@@ -31,8 +31,9 @@ FloatArray = NDArray[np.float64]
 WindSource = Literal["airspeed", "ground", "fit", "problem"]
 WIND_SOURCES: tuple[WindSource, ...] = ("airspeed", "ground", "fit", "problem")
 
-#: Median resultant coefficients that no kite has: problem and flight do not belong together, or a unit is wrong.
-CREDIBLE = (0.02, 4.0)
+#: Beyond these median resultant coefficients (of the projected area) there is no kite: flight and problem do not belong
+#: together, or a unit is wrong.
+CREDIBLE = (0.03, 1.6)
 
 
 @dataclass(frozen=True)
