@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from kiteocp.analysis.flights.comparison import CycleComparison
 from kiteocp.analysis.flights.data import FLIGHT_PHASES
 from kiteocp.analysis.flights.measured import model_lengths
 from kiteocp.analysis.flights.optimum import MANOEUVRES, OptimumStudy
-from kiteocp.analysis.flights.statements import LAW_WORDS, QUANTITY_WORDS
+from kiteocp.analysis.flights.predictions import CycleComparison
+from kiteocp.analysis.flights.reasons import LAW_WORDS, QUANTITY_WORDS
 from kiteocp.analysis.flights.study import FlightStudy
 from kiteocp.plots.style import (
     BLUE,

@@ -18,8 +18,9 @@ from kiteocp.analysis.estimation.synthetic import Noise
 from kiteocp.analysis.flights import FlightData, load_flight
 from kiteocp.analysis.flights.comparison import compare_cycle
 from kiteocp.analysis.flights.kite import estimate_kite
+from kiteocp.analysis.flights.limits import WINDOW_S, flown_limits
 from kiteocp.analysis.flights.measured import measured_cycle, model_lengths, time_mean
-from kiteocp.analysis.flights.optimum import WINDOW_S, flown_limits, largest
+from kiteocp.analysis.flights.optimum import largest
 from kiteocp.analysis.flights.prescribed import fly_law
 from kiteocp.analysis.flights.replay import WinchLaw, path_of, replay, winch_law
 from kiteocp.analysis.flights.statements import statements

@@ -3,31 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from kiteocp.analysis.estimation.fit import CoefficientFit
-from kiteocp.analysis.flights.data import FlightData
-from kiteocp.analysis.flights.kite import (
+from kiteocp.analysis.flights.cycle_wind import (
     OWN_WIND,
     CycleWind,
-    EstimatedKite,
     covariance_of_cycle,
-    own_coefficients,
     shifted,
     values_of_cycle,
     wind_of_cycle,
 )
-from kiteocp.analysis.flights.measured import MeasuredCycle, MeasuredPhase, measured_cycle
+from kiteocp.analysis.flights.data import FlightData
+from kiteocp.analysis.flights.kite import EstimatedKite, own_coefficients
+from kiteocp.analysis.flights.measured import MeasuredCycle, measured_cycle
+from kiteocp.analysis.flights.predictions import LAWS, CycleComparison, PhaseComparison, Prediction
 from kiteocp.analysis.flights.prescribed import FlownLaw, fly_law
 from kiteocp.analysis.flights.replay import Path, Replay, WinchLaw, matching_wind, path_of, replay
 from kiteocp.errors import CycleError
 from kiteocp.physics.parameters import ParameterValues
-
-#: Laws by which a phase is flown again.
-LAWS = ("constant_force", "force_schedule", "speed_schedule", "winch_law")
 
 #: What each law predicts (the rest of a phase it is given), with the measured quantity beside it.
 PREDICTED: Mapping[str, tuple[str, ...]] = {
@@ -45,153 +41,11 @@ GIVEN: Mapping[str, tuple[str, ...]] = {
     "turn": ("mean_force_N", "elevation_end_deg"),
 }
 
-#: Steps of the parameters for the first-order propagation, in their standard errors; half the width of the band.
-STEP_SIGMAS, BAND_SIGMAS = 0.5, 1.96
-
 #: Relative step of the wind for the elasticities.
 WIND_STEP = 0.005
 
-#: A prediction within this share of the measured value is close.
-CLOSE = 0.1
-
-
-@dataclass(frozen=True)
-class Prediction:
-    """One predicted quantity of a phase beside the measured one.
-
-    Attributes
-    ----------
-    measured, predicted
-        In the unit of the quantity.
-    standard_error
-        Of the prediction, from the errors of coefficients and wind to first order.
-    verdict
-        ``close`` within `CLOSE` of the measured value; ``within`` further off, but within the 95 % band of the
-        prediction; ``differs`` otherwise; ``unknown`` where the band cannot be told.
-    """
-
-    measured: float
-    predicted: float
-    standard_error: float
-
-    @property
-    def deviation(self) -> float:
-        """Relative deviation of the prediction; nan where nothing was measured."""
-        return (self.predicted - self.measured) / abs(self.measured) if self.measured else float("nan")
-
-    @property
-    def verdict(self) -> str:
-        """Whether both agree."""
-        off = abs(self.predicted - self.measured)
-        if off <= CLOSE * abs(self.measured):
-            return "close"
-        if not np.isfinite(self.standard_error):
-            return "unknown"
-        return "within" if off <= BAND_SIGMAS * self.standard_error else "differs"
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the keys of the summary."""
-        return {
-            "measured": self.measured,
-            "predicted": self.predicted,
-            "standard_error": self.standard_error,
-            "deviation": self.deviation,
-            "verdict": self.verdict,
-        }
-
-
-@dataclass(frozen=True)
-class PhaseComparison:
-    """A phase by every law.
-
-    Attributes
-    ----------
-    measured
-        What was flown.
-    predictions
-        By law and quantity.
-    unflown
-        By law, why the model cannot fly the phase.
-    without_equilibrium
-        By law, samples of the path that have none.
-    law, replayed
-        The time series behind: by constant force (None if it cannot be flown), and along the path.
-    """
-
-    measured: MeasuredPhase
-    predictions: Mapping[str, Mapping[str, Prediction]]
-    unflown: Mapping[str, str]
-    without_equilibrium: Mapping[str, int]
-    law: FlownLaw | None
-    replayed: Replay
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the keys of the summary."""
-        laws = {
-            law: {quantity: found.to_dict() for quantity, found in self.predictions.get(law, {}).items()}
-            | ({"message": self.unflown[law]} if law in self.unflown else {})
-            for law in LAWS
-        }
-        return {
-            "measured": self.measured.to_dict(),
-            **laws,
-            "samples": int(self.replayed.path.time_s.size),
-            "samples_without_equilibrium": dict(self.without_equilibrium),
-        }
-
-
-@dataclass(frozen=True)
-class CycleComparison:
-    """A cycle by every law.
-
-    Attributes
-    ----------
-    measured
-        What was flown.
-    wind
-        The wind it was flown again in.
-    phases
-        By name.
-    power
-        Mean power of the whole cycle, by law (the law of constant force only where it can fly every phase).
-    wind_elasticity
-        By ``law.phase``: relative change of the predicted mean power per relative change of the wind.
-    matching_wind
-        Factor on this wind with which the flown force makes the path of the traction reel out as far as measured; None
-        where no wind does.
-    own
-        Coefficients that this cycle by itself asks for in its wind; None where it is too short.
-    """
-
-    measured: MeasuredCycle
-    wind: CycleWind
-    phases: Mapping[str, PhaseComparison]
-    power: Mapping[str, Prediction]
-    wind_elasticity: Mapping[str, float]
-    matching_wind: float | None
-    own: CoefficientFit | None
-
-    @property
-    def matching_sigmas(self) -> float:
-        """How many standard errors of the wind the matching one is off; infinite where the wind has none."""
-        if self.matching_wind is None:
-            return float("nan")
-        error = float(np.sqrt(self.wind.covariance[0, 0])) / self.wind.estimate.scale
-        return abs(self.matching_wind - 1.0) / error if error > 0 else float("inf")
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the keys of the summary."""
-        return {
-            "cycle": self.measured.number,
-            "duration_s": self.measured.duration_s,
-            "mean_power_W": self.measured.mean_power_W,
-            "wind": self.wind.estimate.to_dict() | {"own_standard_error": float(np.sqrt(self.wind.covariance[0, 0]))},
-            "own_coefficients": None if self.own is None else self.own.to_dict()["settings"],
-            "matching_wind_factor": self.matching_wind,
-            "wind_elasticity_of_power": dict(self.wind_elasticity),
-            "predicted_mean_power": {law: found.to_dict() for law, found in self.power.items()},
-            "phases": {name: phase.to_dict() for name, phase in self.phases.items()},
-        }
+#: Steps of the parameters for the first-order propagation, in their standard errors.
+STEP_SIGMAS = 0.5
 
 
 def compare_cycle(flight: FlightData, kite: EstimatedKite, number: int) -> CycleComparison:

@@ -8,30 +8,24 @@ from typing import Any
 
 import numpy as np
 
-from kiteocp.analysis.estimation.averages import average
 from kiteocp.analysis.estimation.fit import CoefficientFit, fit_coefficients
 from kiteocp.analysis.estimation.inversion import invert
 from kiteocp.analysis.estimation.wind import WindEstimate, wind_from_airspeed, wind_of_problem
 from kiteocp.analysis.flights.cleaning import FloatArray
 from kiteocp.analysis.flights.data import FlightData
-from kiteocp.analysis.flights.replay import WinchLaw, scaled_wind, winch_law
+from kiteocp.analysis.flights.replay import WinchLaw, winch_law
+from kiteocp.analysis.flights.sensor import airspeed_factor
 from kiteocp.errors import InputError
-from kiteocp.physics.parameters import ParameterValues, parameter_values
 from kiteocp.problem import Problem
 
 #: On its way to the powered setting the kite tells of neither: below this setting a transition is left out.
 FULLY_POWERED = 0.95
 
-#: Samples with an airspeed below which it says nothing about the wind.
-FEWEST_AIRSPEEDS = 50
-
 #: Steps for the slope of one estimate over another: relative, and of a direction.
 SLOPE_STEP, DIRECTION_STEP_DEG = 0.01, 1.0
 
-#: The parameters of a prediction beside the coefficients: factor on the wind of the problem and its direction on the
-#: estimation cycles, and what the airspeed of the predicted cycle itself gets wrong of both.
+#: The parameters of a prediction beside the coefficients: factor on the wind of the problem, and its direction.
 WIND, DIRECTION = "wind_scale", "wind_direction_offset_deg"
-OWN_WIND, OWN_DIRECTION = "wind_scale_of_cycle", "wind_direction_offset_of_cycle_deg"
 
 
 @dataclass(frozen=True)
@@ -97,27 +91,6 @@ class EstimatedKite:
         }
 
 
-@dataclass(frozen=True)
-class CycleWind:
-    """Wind of one cycle.
-
-    Attributes
-    ----------
-    estimate
-        Factor on the wind of the problem, and direction.
-    covariance
-        Of factor and direction (deg) from this cycle's airspeed alone, shape (2, 2); zero where the wind is that of
-        other cycles.
-    slope, direction_slope
-        Change of factor and direction per change of those of the estimation cycles, which the sensor was gauged with.
-    """
-
-    estimate: WindEstimate
-    covariance: FloatArray
-    slope: float
-    direction_slope: float
-
-
 def estimate_kite(flight: FlightData, problem: Problem, cycles: Collection[int]) -> EstimatedKite:
     """Estimate coefficients and wind on some cycles of a flight.
 
@@ -162,7 +135,7 @@ def estimate_kite(flight: FlightData, problem: Problem, cycles: Collection[int])
             )
     base = problem.with_values(fit.changes())
     estimated = wind.applied(base)
-    factor, error = _airspeed_factor(wind.turned(flight.select(cycles)), estimated)
+    factor, error = airspeed_factor(wind.turned(flight.select(cycles)), estimated)
     check = by_forces.fit.parameter(WIND) if by_forces.wind_identified else None
     return EstimatedKite(
         problem=estimated,
@@ -192,56 +165,6 @@ def own_coefficients(flight: FlightData, kite: EstimatedKite, wind: WindEstimate
 def _fitting(flight: FlightData) -> FlightData:
     """Return the samples whose power setting is that of their phase."""
     return flight.where(~((flight.phase == "transition") & (flight.power_setting < FULLY_POWERED)))
-
-
-def wind_of_cycle(flight: FlightData, kite: EstimatedKite, cycle: int) -> CycleWind:
-    """Estimate the wind of a cycle from its airspeed, gauged on the estimation cycles; theirs where it has none."""
-    chosen = flight.select([cycle])
-    usable = np.isfinite(chosen.apparent_wind_speed_m_s) & np.isfinite(chosen.polar_speed_m_s)
-    if kite.airspeed_factor is None or np.count_nonzero(usable) < FEWEST_AIRSPEEDS:
-        return CycleWind(kite.wind, np.zeros((2, 2)), 1.0, 1.0)
-
-    def found(factor: float) -> WindEstimate:
-        gauged = replace(chosen, apparent_wind_speed_m_s=factor * chosen.apparent_wind_speed_m_s)
-        return wind_from_airspeed(gauged, kite.base, calibrate=False)
-
-    estimate = found(kite.airspeed_factor)
-    # A stronger wind on the estimation cycles gauges the sensor higher, and that shows a stronger wind here.
-    slope_of_wind = (found(kite.airspeed_factor * (1 + SLOPE_STEP)).scale - estimate.scale) / (
-        kite.airspeed_factor * SLOPE_STEP
-    )
-    turned = kite.wind.turned(flight.select(kite.cycles))
-    stronger = replace(kite.wind, scale=kite.wind.scale * (1 + SLOPE_STEP)).applied(kite.base)
-    factor = _airspeed_factor(turned, stronger)[0]
-    slope_of_factor = ((factor or kite.airspeed_factor) - kite.airspeed_factor) / (kite.wind.scale * SLOPE_STEP)
-    errors = np.array([estimate.scale_standard_error or 0.0, estimate.direction_standard_error_deg or 0.0])
-    covariance = np.outer(errors, errors) * np.array(
-        [[1.0, estimate.correlation or 0.0], [estimate.correlation or 0.0, 1.0]]
-    )
-    covariance[0, 0] += (slope_of_wind * (kite.airspeed_factor_error or 0.0)) ** 2
-    return CycleWind(estimate, covariance, slope_of_wind * slope_of_factor, 0.0)
-
-
-def covariance_of_cycle(kite: EstimatedKite, wind: CycleWind) -> tuple[tuple[str, ...], FloatArray]:
-    """Return names and covariance of everything that a prediction of a cycle depends on, its own wind last."""
-    size = len(kite.names)
-    covariance = np.zeros((size + 2, size + 2))
-    covariance[:size, :size] = kite.covariance
-    covariance[size:, size:] = wind.covariance
-    return (*kite.names, OWN_WIND, OWN_DIRECTION), covariance
-
-
-def shifted(values: ParameterValues, name: str, change: float, wind: CycleWind) -> tuple[ParameterValues, float]:
-    """Return the numbers of a cycle's problem and the turn of its wind (deg) with one parameter changed.
-
-    The parameters are those of `covariance_of_cycle`.
-    """
-    if name in (DIRECTION, OWN_DIRECTION):
-        return values, change * (wind.direction_slope if name == DIRECTION else 1.0)
-    if name not in (WIND, OWN_WIND):
-        return values.replaced({name: values[name] + change}), 0.0
-    ratio = 1.0 + change * (wind.slope if name == WIND else 1.0) / wind.estimate.scale
-    return scaled_wind(values, ratio), 0.0
 
 
 def _fit(chosen: FlightData, problem: Problem, wind: WindEstimate) -> CoefficientFit:
@@ -313,19 +236,6 @@ def _given_wind_covariance(
     return (*names, WIND, DIRECTION), np.block([[covariance + cross @ slopes.T, cross], [cross.T, of_wind]])
 
 
-def _airspeed_factor(flight: FlightData, problem: Problem) -> tuple[float | None, float | None]:
-    """Return the ratio of the apparent wind speed that follows from wind and velocity to the measured one."""
-    ratio = invert(flight, problem).quantities["apparent_wind_speed_m_s"] / flight.apparent_wind_speed_m_s
-    ratio = np.where(np.isfinite(ratio), ratio, np.nan)
-    if np.count_nonzero(np.isfinite(ratio)) < FEWEST_AIRSPEEDS:
-        return None, None
-    middle = float(np.nanmedian(ratio))
-    spread = 1.4826 * float(np.nanmedian(np.abs(ratio - middle)))
-    kept = np.where(np.abs(ratio - middle) <= 3.0 * spread + 1e-12, ratio, np.nan)
-    found = average(flight.time_s, kept)
-    return found.mean, found.standard_error
-
-
 def _settings(flight: FlightData) -> tuple[float, float]:
     """Return the mean power settings of retraction and traction, nan where none is measured."""
     means = []
@@ -333,8 +243,3 @@ def _settings(flight: FlightData) -> tuple[float, float]:
         setting = flight.power_setting[flight.phase == phase]
         means.append(float(np.nanmean(setting)) if np.isfinite(setting).any() else float("nan"))
     return means[0], means[1]
-
-
-def values_of_cycle(kite: EstimatedKite, wind: CycleWind) -> ParameterValues:
-    """Return the numbers of the problem in the wind of a cycle."""
-    return parameter_values(wind.estimate.applied(kite.base))

@@ -19,22 +19,15 @@ import numpy as np
 from scipy.optimize import brentq
 
 from kiteocp.analysis.estimation.wind import WindEstimate
-from kiteocp.analysis.flights.cleaning import FloatArray
 from kiteocp.analysis.flights.data import FlightData
-from kiteocp.analysis.flights.measured import MeasuredCycle, model_lengths
+from kiteocp.analysis.flights.limits import flown_limits, widened
+from kiteocp.analysis.flights.measured import MeasuredCycle
 from kiteocp.analysis.flights.prescribed import operation_of
 from kiteocp.cycle import simulate
-from kiteocp.cycle.phases import PHASE_CHANGES
 from kiteocp.errors import CycleError, InputError, NoEquilibriumError, SolveError
 from kiteocp.ocp.outcome import solve
 from kiteocp.problem import Problem
 from kiteocp.result import Result
-
-#: A mean state holds no peak of a figure of eight: forces and powers of the traction are averaged over so many seconds.
-WINDOW_S = 15.0
-
-#: Quantiles that stand for the largest and the smallest value flown.
-HIGH, LOW = 0.99, 0.01
 
 #: What of the prescribed cycle is taken from the optimum, one after the other.
 INGREDIENTS: Mapping[str, tuple[str, ...]] = {
@@ -47,9 +40,6 @@ MANOEUVRES, VARYING = "manoeuvres", "forces that vary within the phases"
 
 #: Forces are limited where they were measured.
 FORCE_LIMITS = {"limits.tether_force_max_at": "ground", "limits.tether_force_min_at": "ground"}
-
-#: Room beyond what the prescribed cycle reaches, so that it is inside.
-WIDER, ROOM_DEG = 1e-3, 0.05
 
 #: A wind whose relative error is less is that of data without noise.
 KNOWN = 1e-4
@@ -117,64 +107,6 @@ class OptimumStudy:
         }
 
 
-def flown_limits(flight: FlightData) -> dict[str, float]:
-    """Return the ``limits`` keys that a flight kept to, by robust quantiles over all its cycles.
-
-    The largest force is that of a mean state, whose peaks are higher: averaged over `WINDOW_S`, about a figure of
-    eight; and so is the lowest elevation of the traction. All others are quantiles of the samples. A winch that reels
-    in fast can reel out as fast, though the controller of this flight did not.
-    """
-    length, speed, force = model_lengths(flight), flight.reeling_speed_m_s, flight.tether_force_ground_N
-    power = force * speed
-    traction, retraction = flight.phase == "traction", flight.phase == "retraction"
-
-    def windowed(values: FloatArray) -> FloatArray:
-        parts = [
-            _rolling_mean(flight.time_s[mask], values[mask])
-            for mask in (traction & (flight.cycle == cycle) for cycle in flight.cycles())
-        ]
-        return np.concatenate([part for part in parts if part.size] or [values[traction]])
-
-    def high(values: FloatArray) -> float:
-        return float(np.nanquantile(values, HIGH))
-
-    def low(values: FloatArray) -> float:
-        return float(np.nanquantile(values, LOW))
-
-    within = np.isfinite(length) & (flight.phase != "")
-    return {
-        "limits.tether_force_min_N": low(force[retraction]),
-        "limits.tether_force_max_N": high(windowed(force)),
-        "limits.reel_in_speed_max_m_s": high(np.abs(speed)),
-        "limits.reel_out_speed_max_m_s": high(np.abs(speed)),
-        "limits.generator_power_max_W": high(power),
-        "limits.motor_power_max_W": high(-power),
-        "limits.height_min_m": low(flight.height_m),
-        "limits.height_max_m": high(flight.height_m),
-        "limits.tether_length_min_m": float(np.min(length[within])),
-        "limits.tether_length_max_m": float(np.max(length[within])),
-        "limits.traction_elevation_min_deg": low(windowed(flight.elevation_deg)) - ROOM_DEG,
-        "limits.traction_elevation_max_deg": high(flight.elevation_deg[traction]) + ROOM_DEG,
-        "limits.elevation_max_deg": high(flight.elevation_deg),
-    }
-
-
-def _rolling_mean(time_s: FloatArray, values: FloatArray) -> FloatArray:
-    """Return means over windows of `WINDOW_S` (or the whole, where it is shorter), missing values left out."""
-    known = np.isfinite(values)
-    time, kept = time_s[known], values[known]
-    if kept.size == 0:
-        return kept
-    ends = np.searchsorted(time, time + WINDOW_S, side="right")
-    full = time + WINDOW_S <= time[-1] + 1e-9
-    sums = np.concatenate([[0.0], np.cumsum(kept)])
-    if not full.any():
-        return np.array([kept.mean()])
-    starts = np.flatnonzero(full)
-    means: FloatArray = (sums[ends[starts]] - sums[starts]) / (ends[starts] - starts)
-    return means
-
-
 def mean_operation(cycles: Sequence[MeasuredCycle]) -> dict[str, float | str]:
     """Return the ``operation`` keys that prescribe the mean of several flown cycles."""
     operations = [operation_of(cycle) for cycle in cycles]
@@ -210,7 +142,7 @@ def study_optimum(
     limits = flown_limits(flight)
     given = base.with_values({**mean_operation(cycles), **limits, **FORCE_LIMITS})
     factor, message = _matched(given, cycles, wind)
-    problem, limits = _widened(wind_of(given, wind.scale * factor), limits, cycles)
+    problem, limits = widened(wind_of(given, wind.scale * factor), limits, cycles)
     given = given.with_values(limits)
     pause = problem.limits.phase_change_time_s
     optimum = solve(problem)
@@ -260,45 +192,6 @@ def _matched(problem: Problem, cycles: Sequence[MeasuredCycle], wind: WindEstima
     if excess(MATCH[0]) > 0 or excess(MATCH[1]) < 0:
         return 1.0, "no wind near the estimated one lets the model's traction reel out as fast as measured"
     return float(brentq(excess, *MATCH, xtol=1e-5)), ""
-
-
-def _widened(
-    problem: Problem, limits: Mapping[str, float], cycles: Sequence[MeasuredCycle]
-) -> tuple[Problem, dict[str, float]]:
-    """Return a problem whose limits hold the cycle that it prescribes, and those limits.
-
-    The time by which the flown cycles lasted longer is the time of manoeuvres that the model does not have. The
-    optimum needs it too: it becomes the time of the phase changes.
-    """
-    wide = dict(limits)
-    try:
-        cycle = simulate(problem)
-    except (CycleError, NoEquilibriumError):
-        return problem, wide
-    for key, channel, sign in (
-        ("tether_force_min_N", "tether_force_ground_N", -1),
-        ("tether_force_max_N", "tether_force_ground_N", 1),
-        ("reel_in_speed_max_m_s", "-reeling_speed_m_s", 1),
-        ("reel_out_speed_max_m_s", "reeling_speed_m_s", 1),
-        ("generator_power_max_W", "power_W", 1),
-        ("motor_power_max_W", "-power_W", 1),
-        ("height_min_m", "height_m", -1),
-        ("height_max_m", "height_m", 1),
-        ("tether_length_min_m", "tether_length_m", -1),
-        ("tether_length_max_m", "tether_length_m", 1),
-        ("elevation_max_deg", "elevation_deg", 1),
-    ):
-        values = cycle[channel.removeprefix("-")] * (-1.0 if channel.startswith("-") else 1.0)
-        reached = float(np.max(sign * values)) * sign
-        path = f"limits.{key}"
-        if sign * reached > sign * wide[path]:
-            wide[path] = reached * (1.0 + sign * WIDER)
-    lost = float(np.mean([c.duration_s for c in cycles])) - float(cycle.cycle["duration_s"] or 0.0)
-    wide["limits.phase_change_time_s"] = max(lost, 0.0) / PHASE_CHANGES
-    elevation = problem.operation.traction.elevation_deg
-    wide["limits.traction_elevation_min_deg"] = min(wide["limits.traction_elevation_min_deg"], elevation - ROOM_DEG)
-    wide["limits.traction_elevation_max_deg"] = max(wide["limits.traction_elevation_max_deg"], elevation + ROOM_DEG)
-    return problem.with_values(wide), wide
 
 
 def _power(problem: Problem, pause_s: float) -> float | None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import os
 from collections import Counter
 from pathlib import Path
@@ -22,6 +21,7 @@ from kiteocp.analysis.flights.columns import (
     shipped_columns,
 )
 from kiteocp.analysis.flights.data import FlightData
+from kiteocp.analysis.flights.recording import read_table
 from kiteocp.errors import InputError
 
 #: A step in time longer than so many median steps is a gap.
@@ -57,7 +57,7 @@ def load_flight(
     InputError
         The file is missing, unreadable or empty, lacks a column, or holds no sample of a phase.
     """
-    table = _read_table(Path(path).expanduser(), str(path))
+    table = read_table(Path(path).expanduser(), str(path))
     layout = columns if isinstance(columns, ColumnMap) else _layout_for(table, columns, str(path))
     missing = [column for column in layout.columns() if column not in table]
     if missing:
@@ -68,32 +68,6 @@ def load_flight(
         )
     reader = _Reader(table, layout, str(path))
     return reader.flight(name or Path(path).stem)
-
-
-def _read_table(path: Path, label: str) -> dict[str, list[str]]:
-    """Return the columns of a CSV file as texts."""
-    try:
-        with path.open(encoding="utf-8-sig", newline="") as stream:
-            sample = stream.readline()
-            stream.seek(0)
-            separator = max(",;\t", key=sample.count)
-            rows = list(csv.reader(stream, delimiter=separator))
-    except FileNotFoundError:
-        raise InputError("there is no such file; check the path of the flight", file=label) from None
-    except IsADirectoryError:
-        raise InputError("is a directory; name the CSV file in it", file=label) from None
-    except UnicodeDecodeError:
-        raise InputError("is not UTF-8 text; export the flight as CSV", file=label) from None
-    except csv.Error as error:
-        raise InputError(f"is not CSV ({error}); export the flight again", file=label) from None
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror}); check the path and its permissions", file=label) from None
-    rows = [row for row in rows if any(cell.strip() for cell in row)]
-    if len(rows) < 2:
-        raise InputError("holds no samples; a flight has a row of column names and a row for each sample", file=label)
-    header = [cell.strip() for cell in rows[0]]
-    body = [row + [""] * (len(header) - len(row)) for row in rows[1:]]
-    return {column: [row[index].strip() for row in body] for index, column in enumerate(header)}
 
 
 def _layout_for(table: dict[str, Any], columns: str | os.PathLike[str] | None, label: str) -> ColumnMap:

@@ -7,9 +7,10 @@ import importlib.metadata
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from kiteocp.analysis.flights.comparison import BAND_SIGMAS, LAWS, Prediction
 from kiteocp.analysis.flights.data import FLIGHT_PHASES
-from kiteocp.analysis.flights.statements import QUANTITY_WORDS, statements
+from kiteocp.analysis.flights.predictions import BAND_SIGMAS, LAWS, Prediction
+from kiteocp.analysis.flights.reasons import QUANTITY_WORDS
+from kiteocp.analysis.flights.statements import statements
 from kiteocp.analysis.flights.study import FlightStudy
 from kiteocp.analysis.flights.summary import HEADS, LEGEND, MARKS, SHOWN
 from kiteocp.analysis.validation.html_parts import STYLE, bullets, paragraph, section, table

@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kiteocp.analysis.estimation.wind import WindEstimate
-from kiteocp.analysis.flights.comparison import CycleComparison, compare_cycle
+from kiteocp.analysis.flights.comparison import compare_cycle
 from kiteocp.analysis.flights.data import FlightData
 from kiteocp.analysis.flights.kite import EstimatedKite, estimate_kite
 from kiteocp.analysis.flights.measured import measured_cycle
 from kiteocp.analysis.flights.optimum import OptimumStudy, study_optimum
+from kiteocp.analysis.flights.predictions import CycleComparison
 from kiteocp.errors import InputError, SolveError
 from kiteocp.problem import Problem
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 import textwrap
 from collections.abc import Iterator
 
-from kiteocp.analysis.flights.comparison import LAWS, Prediction
 from kiteocp.analysis.flights.data import FLIGHT_PHASES
-from kiteocp.analysis.flights.statements import QUANTITY_WORDS, statements
+from kiteocp.analysis.flights.predictions import LAWS, Prediction
+from kiteocp.analysis.flights.reasons import QUANTITY_WORDS
+from kiteocp.analysis.flights.statements import statements
 from kiteocp.analysis.flights.study import FlightStudy
 from kiteocp.result import Result
 
