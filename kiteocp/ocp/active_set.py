@@ -9,13 +9,11 @@ Analysis in Nonlinear Programming*, 1983). `kiteocp.ocp.following` goes on from 
 
 from __future__ import annotations
 
-from typing import Any
-
-import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
 from kiteocp.ocp.collocation import FloatArray
+from kiteocp.ocp.first_order import FirstOrderSystem
 from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.nlpsolver import Solution
 from kiteocp.ocp.sharp import ActiveSet, ActiveSetError, Derivatives, SharpSolution
@@ -31,9 +29,6 @@ UNDECIDED = 1e2
 #: A constraint whose gradient has no more than this of itself outside the span of the others is implied by them.
 INDEPENDENT = 1e-9
 
-#: A solution of a linear system beyond this, in the scaled units of the program, comes from a singular one.
-SINGULAR = 1e12
-
 #: Bounds that may change sides before a solution counts as lost.
 CHANGES = 12
 
@@ -42,31 +37,16 @@ ROUNDING = 1e-9
 
 
 class ActiveSetMethod:
-    """Newton's method and derivatives on the active set of one program; the functions are built once."""
+    """Newton's method and derivatives on the active set of one program."""
 
     def __init__(self, program: NonlinearProgram) -> None:
         self.program = program
-        nlp = program
-        self.nx, self.np_, self.ng = nlp.x.numel(), nlp.p.numel(), nlp.g.numel()
-        multipliers = ca.SX.sym("lam_g", self.ng)
-        both = ca.vertcat(nlp.x, nlp.p)
-        lagrangian = nlp.f + ca.dot(multipliers, nlp.g)
-        hessian, gradient = ca.hessian(lagrangian, both)
-        rows = ca.jacobian(nlp.g, both)
-        inputs, n = [nlp.x, nlp.p, multipliers], self.nx
-        self._first = ca.Function("first", inputs, [gradient, hessian, rows])
-        self._newton = ca.Function("newton", inputs, [nlp.f, nlp.g, gradient[:n], hessian[:n, :n], rows[:, :n]])
-        self._factors: dict[bytes, Any] = {}
-        sides = ca.vertcat(*nlp.bounds(nlp.p))
-        weights = ca.SX.sym("weights", sides.numel())
-        # Infinite bounds have no derivatives, and infinity times a weight is not a number.
-        finite = ca.vertcat(*(s if not s.is_constant() else ca.SX(0) for s in ca.vertsplit(sides)))
-        self._bound_slopes = ca.Function("bound_slopes", [nlp.p], [ca.jacobian(finite, nlp.p)])
-        self._curvature = ca.Function("curvature", [nlp.p, weights], [ca.hessian(ca.dot(weights, finite), nlp.p)[0]])
+        self._system = FirstOrderSystem(program)
+        self.nx, self.np_, self.ng = program.x.numel(), program.p.numel(), program.g.numel()
 
     def active_set_of(self, solution: Solution) -> ActiveSet:
         """Read the active set off an interior-point solution."""
-        lower, upper = self._split(solution.p)
+        lower, upper = self._system.sides(solution.p)
         value = np.concatenate((solution.x, solution.g))
         multiplier = np.concatenate((solution.lam_x, solution.lam_g))
         slack_low, slack_high = value - lower, upper - value
@@ -89,9 +69,9 @@ class ActiveSetMethod:
 
         Equalities come first, then bounds by multiplier; one that adds nothing to those before it is implied.
         """
-        jacobian = self._newton(solution.x, solution.p, solution.lam_g)[4].full()
+        jacobian = self._system.newton(solution.x, solution.p, solution.lam_g)[4].full()
         rows = np.vstack((np.eye(self.nx), jacobian))
-        lower, upper = self._split(solution.p)
+        lower, upper = self._system.sides(solution.p)
         own = np.flatnonzero(active)
         own = own[np.lexsort((-np.abs(multiplier[own]), lower[own] != upper[own]))]
         columns = rows[own].T / np.maximum(np.linalg.norm(rows[own], axis=1), 1e-12)
@@ -117,19 +97,19 @@ class ActiveSetMethod:
         """
         x, lam_g = solution.x.copy(), np.where(active.rows != 0, solution.lam_g, 0.0)
         lam_x = np.where(active.variables != 0, solution.lam_x, 0.0)
-        own, _ = self._own_rows(active)
-        lower, upper = self._split(p)
+        own, _ = self._system.own_rows(active)
+        lower, upper = self._system.sides(p)
         bounds = np.where(np.concatenate((active.variables, active.rows)) > 0, upper, lower)[own]
         multipliers = np.concatenate((lam_x, lam_g))
         for _ in range(NEWTON_STEPS):
-            f, rows_value, gradient, hessian, rows = self._newton(x, p, multipliers[self.nx :])
+            f, rows_value, gradient, hessian, rows = self._system.newton(x, p, multipliers[self.nx :])
             g = rows_value.full().ravel()
             distance = np.concatenate((x, g))[own] - bounds
             residual = np.concatenate((gradient.full().ravel() + multipliers[: self.nx], distance))
             size = float(np.max(np.abs(residual)))
             if not np.isfinite(size):
                 raise ActiveSetError("the model has no value on the way")
-            step = self._solve(hessian, rows, own, -residual[:, None])[:, 0]
+            step = self._system.solve(hessian, rows, own, -residual[:, None])[:, 0]
             x = x + step[: self.nx]
             multipliers[own] += step[self.nx :]
             if size <= SHARP:
@@ -181,23 +161,23 @@ class ActiveSetMethod:
             The system is singular.
         """
         way = np.eye(self.np_) if directions is None else directions
-        gradient, hessian, jacobian = (v.full() for v in self._first(sharp.x, sharp.p, sharp.lam_g))
-        bounds = self._bound_slopes(sharp.p).full() @ way
-        own, side = self._own_rows(sharp.active)
+        gradient, hessian, jacobian = (v.full() for v in self._system.first(sharp.x, sharp.p, sharp.lam_g))
+        bounds = self._system.bound_slopes(sharp.p).full() @ way
+        own, side = self._system.own_rows(sharp.active)
         rows = np.vstack((np.eye(self.nx), jacobian[:, : self.nx]))
         direct = np.vstack((np.zeros((self.nx, way.shape[1])), jacobian[:, self.nx :] @ way))
         # Distance of each active bound: value - bound(p).
         distance = direct[own] - bounds[side]
         cross = hessian[: self.nx, self.nx :] @ way
-        _, _, _, curved, linear = self._newton(sharp.x, sharp.p, sharp.lam_g)
-        slopes = self._solve(curved, linear, own, -np.vstack((cross, distance)))
+        _, _, _, curved, linear = self._system.newton(sharp.x, sharp.p, sharp.lam_g)
+        slopes = self._system.solve(curved, linear, own, -np.vstack((cross, distance)))
         x, multiplier = slopes[: self.nx], slopes[self.nx :]
         pressing = np.concatenate((sharp.lam_x, sharp.lam_g))[own]
         objective = gradient[self.nx :, 0] @ way - pressing @ bounds[side]
         weights = np.zeros(bounds.shape[0])
         weights[side] = pressing
         # Total derivative of the gradient of the Lagrangian, its bounds included, along the solution.
-        curvature = hessian[self.nx :, self.nx :] - self._curvature(sharp.p, weights).full()
+        curvature = hessian[self.nx :, self.nx :] - self._system.curvature(sharp.p, weights).full()
         second = way.T @ curvature @ way + cross.T @ x + distance.T @ multiplier
         multipliers, pressed = np.zeros((2, self.nx + self.ng, way.shape[1]))
         multipliers[own], pressed[own] = multiplier, bounds[side]
@@ -215,7 +195,7 @@ class ActiveSetMethod:
         pressures : ndarray, shape (variables + rows,)
             Multiplier in the direction in which the bound may press, infinite for inactive ones and equalities.
         """
-        lower, upper = self._split(sharp.p)
+        lower, upper = self._system.sides(sharp.p)
         value = np.concatenate((sharp.x, sharp.g))
         active = np.concatenate((sharp.active.variables, sharp.active.rows))
         multiplier = np.concatenate((sharp.lam_x, sharp.lam_g))
@@ -248,16 +228,16 @@ class ActiveSetMethod:
         held : ndarray, shape (bounds,)
             Which belong to the active set.
         """
-        lower, upper = self._split(sharp.p)
+        lower, upper = self._system.sides(sharp.p)
         value = np.concatenate((sharp.x, sharp.g))
         low, high = value - lower <= within, upper - value <= within
         side = np.where(low & high, 0, np.where(high, 1, -1))
         at = np.flatnonzero(low | high)
-        _, _, jacobian = (v.full() for v in self._first(sharp.x, sharp.p, sharp.lam_g))
+        _, _, jacobian = (v.full() for v in self._system.first(sharp.x, sharp.p, sharp.lam_g))
         rows = np.vstack((np.eye(self.nx, self.nx + self.np_), jacobian))[at]
         pressed = np.where(low | high, np.where(side < 0, -1, 1), 0).astype(np.int8)
-        bounds = self._bound_slopes(sharp.p).full()[
-            self._own_rows(ActiveSet(pressed[: self.nx], pressed[self.nx :]))[1]
+        bounds = self._system.bound_slopes(sharp.p).full()[
+            self._system.own_rows(ActiveSet(pressed[: self.nx], pressed[self.nx :]))[1]
         ]
         multipliers = np.concatenate((sharp.lam_x, sharp.lam_g))[at]
         held = np.concatenate((sharp.active.variables, sharp.active.rows))[at] != 0
@@ -281,38 +261,7 @@ class ActiveSetMethod:
         shares : ndarray, shape (active bounds, gradients)
             Of each active bound.
         """
-        own, _ = self._own_rows(sharp.active)
-        _, _, _, hessian, rows = self._newton(sharp.x, sharp.p, sharp.lam_g)
+        own, _ = self._system.own_rows(sharp.active)
+        _, _, _, hessian, rows = self._system.newton(sharp.x, sharp.p, sharp.lam_g)
         right = np.vstack((gradients, np.zeros((own.size, gradients.shape[1]))))
-        return tuple(np.split(self._solve(hessian, rows, own, right), [self.nx]))  # type: ignore[return-value]
-
-    def _split(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
-        lbx, ubx, lbg, ubg = self.program.numeric_bounds(p)
-        return np.concatenate((lbx, lbg)), np.concatenate((ubx, ubg))
-
-    def _own_rows(self, active: ActiveSet) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-        """Index of each active bound among (variables, rows), and of its side among (lbx, ubx, lbg, ubg)."""
-        both = np.concatenate((active.variables, active.rows))
-        own = np.flatnonzero(both)
-        offsets = np.where(own < self.nx, 0, self.nx)
-        side = own + offsets + np.where(both[own] > 0, np.where(own < self.nx, self.nx, self.ng), 0)
-        return own, side
-
-    def _solve(self, hessian: Any, rows: Any, own: NDArray[np.intp], right: FloatArray) -> FloatArray:
-        """Solve the Newton system of the active bounds, by CasADi's own sparse QR.
-
-        A dense solve waits for the threads of BLAS, a hundred times longer where other processes hold the cores;
-        CasADi's sparse LU takes four times as long.
-        """
-        active = ca.vertcat(ca.DM.eye(self.nx), rows)[own.tolist(), :]
-        matrix = ca.blockcat([[hessian, active.T], [active, ca.DM(own.size, own.size)]])
-        key = own.tobytes()
-        if key not in self._factors:
-            self._factors[key] = ca.Linsol("newton", "qr", matrix.sparsity())
-        try:
-            solved = np.asarray(self._factors[key].solve(matrix, ca.DM(right)).full())
-        except RuntimeError as error:
-            raise ActiveSetError("the active constraints are not independent") from error
-        if not np.all(np.abs(solved) < SINGULAR):
-            raise ActiveSetError("the active constraints are not independent")
-        return solved
+        return tuple(np.split(self._system.solve(hessian, rows, own, right), [self.nx]))  # type: ignore[return-value]
