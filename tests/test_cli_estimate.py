@@ -49,6 +49,9 @@ def test_tables_files_and_the_estimated_kite(recording: Path, capsys: pytest.Cap
             found = settings[setting][name]
             assert found["value"] == pytest.approx(TRUTH[f"kite.{setting}.{name}"], rel=tolerance)
             assert found["interval"][0] < found["value"] < found["interval"][1]
+            # The error of the wind comes on top of that of the fit.
+            assert found["interval_with_wind_error"][0] < found["interval"][0]
+            assert found["interval_with_wind_error"][1] > found["interval"][1]
     assert estimates["wind"]["scale"] == pytest.approx(10.2 / 9.0, rel=0.03)
     traction = estimates["phases"]["traction"]
     assert set(traction) == {"paper", "exact"}

@@ -31,7 +31,8 @@ def format_estimates(result: Result) -> str:
         "",
         *_wind(found),
         "",
-        "mean and half width of its 95 % interval; n_eff: independent samples that C_L is worth",
+        "mean and half width of its 95 % interval (of a phase: with the wind as given, of the fit: with the wind's error)",
+        "n_eff: independent samples that C_L is worth",
         "paper: sections 3.3 and 3.4; exact: the model's own equilibrium; fit: all samples at once, robust",
         *_table(found),
     ]
@@ -90,16 +91,15 @@ def _table(found: Mapping[str, Any]) -> list[str]:
             rows.append([phase, way, *cells, f"{effective:.0f}", f"{estimate['used']} of {estimate['samples']}"])
     for setting, estimate in found["fit"]["settings"].items():
         lift, drag, ratio = (estimate[name] for name in ("lift_coefficient", "drag_coefficient", "lift_to_drag"))
-        half = 1.96 * ratio["standard_error"]
         rows.append(
             [
                 setting,
                 "fit",
                 "",
                 "",
-                _measured(lift["value"], lift["interval"]),
-                _measured(drag["value"], drag["interval"]),
-                _measured(ratio["value"], (ratio["value"] - half, ratio["value"] + half)),
+                _measured(lift["value"], lift["interval_with_wind_error"]),
+                _measured(drag["value"], drag["interval_with_wind_error"]),
+                _measured(ratio["value"], ratio["interval_with_wind_error"]),
                 f"{lift['effective_samples']:.0f}",
                 f"{estimate['samples'] - estimate['outliers']} of "
                 f"{estimate['samples'] + sum(estimate['rejected'].values())}",
@@ -123,7 +123,7 @@ def _wind_effect(found: Mapping[str, Any]) -> list[str]:
         setting, _, coefficient = name.partition(".")
         changes.setdefault(setting, []).append(f"{'C_L' if 'lift' in coefficient else 'C_D,k'} {change:+.3f}")
     told = "; ".join(f"{setting} {', '.join(parts)}" for setting, parts in changes.items())
-    return [f"the fit takes the wind as known; {share:.1f} % more of it (its standard error) changes {told}"]
+    return [f"within the intervals of the fit: {share:.1f} % more wind (its standard error) changes {told}"]
 
 
 def _aligned(rows: list[list[str]], rule_before: int) -> list[str]:

@@ -62,7 +62,7 @@ class Estimation:
         The bias of the paper's formulas for this kite; None where no cycle of it can be flown.
     wind_effect
         By name of the coefficients of `fit`, their change where the wind is stronger by one standard error of its
-        scale: an error beside those of the fit, which takes the wind as known. None where that error is not known.
+        scale: an error beside those of the fit, which takes the wind as known. None where that error is unknown.
     warnings
         One sentence each.
     """
@@ -80,8 +80,22 @@ class Estimation:
     wind_effect: Mapping[str, float] | None
     warnings: tuple[str, ...]
 
+    def interval(self, name: str) -> tuple[float, float]:
+        """Return the 95 % interval of a coefficient of `fit`, the error of the wind's scale included."""
+        low, high = self.fit.fit.interval(name)
+        effect = 0.0 if self.wind_effect is None else self.wind_effect.get(name, 0.0)
+        half = float(np.hypot(0.5 * (high - low), 1.96 * effect))
+        return 0.5 * (low + high) - half, 0.5 * (low + high) + half
+
     def to_dict(self) -> dict[str, Any]:
         """Return ``estimates`` of the summary."""
+        fit = self.fit.to_dict()
+        for setting, found in fit["settings"].items():
+            for name in ("lift_coefficient", "drag_coefficient"):
+                found[name]["interval_with_wind_error"] = list(self.interval(f"{setting}.{name}"))
+            ratio = found["lift_to_drag"]
+            half = 1.96 * float(np.hypot(ratio["standard_error"], self._ratio_effect(setting)))
+            ratio["interval_with_wind_error"] = [ratio["value"] - half, ratio["value"] + half]
         return {
             "flight": self.flight.name,
             "cycles": list(self.flight.cycles()),
@@ -92,11 +106,19 @@ class Estimation:
             "phases": {
                 phase: {way: found.to_dict() for way, found in ways.items()} for phase, ways in self.phases.items()
             },
-            "fit": self.fit.to_dict(),
+            "fit": fit,
             "wind_effect": None if self.wind_effect is None else dict(self.wind_effect),
             "fit_with_wind": self.fit_with_wind.to_dict(),
             "round_trip": None if self.round_trip is None else self.round_trip.to_dict(),
         }
+
+    def _ratio_effect(self, setting: str) -> float:
+        """Change of the lift-to-drag ratio by the standard error of the wind."""
+        if self.wind_effect is None or f"{setting}.lift_coefficient" not in self.wind_effect:
+            return 0.0
+        lift, drag = self.fit.coefficients(setting)
+        changes = (self.wind_effect[f"{setting}.{name}_coefficient"] for name in ("lift", "drag"))
+        return (lift + next(changes)) / (drag + next(changes)) - lift / drag
 
     def result(self) -> Result:
         """Return the estimation as a result of the verb ``estimate``, to be saved and drawn."""
