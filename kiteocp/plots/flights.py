@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 from kiteocp.analysis.flights.data import FLIGHT_PHASES
 from kiteocp.analysis.flights.measured import model_lengths
-from kiteocp.analysis.flights.optimum import MANOEUVRES, OptimumStudy
+from kiteocp.analysis.flights.optimum import LEFT_OUT, OptimumStudy
 from kiteocp.analysis.flights.predictions import CycleComparison
 from kiteocp.analysis.flights.reasons import LAW_WORDS, QUANTITY_WORDS
 from kiteocp.analysis.flights.study import FlightStudy
@@ -231,7 +231,7 @@ def draw_optimum(optimum: OptimumStudy) -> Figure:
     figure = make_figure(7.4, 3.6)
     axes = figure.add_axes((0.33, 0.16, 0.64, 0.8))
     # What the model leaves out comes between the flight and the model, before what the schedule brings.
-    parts = dict(sorted(optimum.contributions.items(), key=lambda item: item[0] != MANOEUVRES))
+    parts = dict(sorted(optimum.contributions.items(), key=lambda item: item[0] != LEFT_OUT))
     names = ["flown", *parts, "optimal"]
     level = 1e-3 * optimum.flown_power_W
     axes.barh(0, level, color=GREY)

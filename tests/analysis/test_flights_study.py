@@ -20,7 +20,7 @@ from kiteocp.analysis.flights.comparison import compare_cycle
 from kiteocp.analysis.flights.kite import estimate_kite
 from kiteocp.analysis.flights.limits import WINDOW_S, flown_limits
 from kiteocp.analysis.flights.measured import measured_cycle, model_lengths, time_mean
-from kiteocp.analysis.flights.optimum import largest
+from kiteocp.analysis.flights.optimum import LEFT_OUT, largest
 from kiteocp.analysis.flights.prescribed import fly_law
 from kiteocp.analysis.flights.replay import WinchLaw, path_of, replay, winch_law
 from kiteocp.analysis.flights.statements import statements
@@ -100,7 +100,7 @@ def test_the_optimum_is_no_worse_than_the_flown_schedule_and_the_gain_adds_up() 
     assert optimum.optimal_power_W > optimum.prescribed_power_W
     gain = optimum.optimal_power_W - optimum.flown_power_W
     assert sum(optimum.contributions.values()) == pytest.approx(gain, rel=1e-9)
-    assert optimum.contributions["manoeuvres"] == pytest.approx(optimum.prescribed_power_W - optimum.flown_power_W)
+    assert optimum.contributions[LEFT_OUT] == pytest.approx(optimum.prescribed_power_W - optimum.flown_power_W)
 
 
 def test_what_brings_most_of_a_gain_or_loss() -> None:
@@ -292,6 +292,24 @@ def test_the_summary_is_plain_and_the_text_names_flown_and_optimal() -> None:
     text = format_study(study)
     assert "Flown 14.3 kW, optimal" in text
     assert max(map(len, text.splitlines())) <= 120
+
+
+def test_without_an_optimum_the_comparison_is_kept(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*arguments: object) -> None:
+        raise kiteocp.SolveError("the limits leave nothing")
+
+    monkeypatch.setattr("kiteocp.analysis.flights.study.study_optimum", fail)
+    path = write_csv(tmp_path / "flight.csv", kitepower_rows(made_flight(2, sample_rate_Hz=4.0)))
+    assert main(["validate", str(path), "--system", "v9-kite", "--no-plot", "-o", str(tmp_path / "out"), "--json"]) == 1
+    out, error = capsys.readouterr()
+    summary = json.loads(out)
+    assert summary["status"] == "failed"
+    assert summary["flight_validation"]["optimum"] is None
+    assert len(summary["flight_validation"]["cycles"]) == 1
+    assert "the limits leave nothing" in error
+    assert (tmp_path / "out" / "report.html").exists()
 
 
 def test_the_command_writes_tables_pictures_and_report(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,7 +2,7 @@
 
 From flown to optimal in steps that each change one thing: the flown cycle; the model's three-phase cycle with the flown
 means, in a wind matched so that its traction reels out as fast as measured (what then remains is what the model leaves
-out: manoeuvres); that cycle with one ingredient after the other taken from the optimum; the optimum, whose forces vary
+out); that cycle with one ingredient after the other taken from the optimum; the optimum, whose forces vary
 within the phases. The order of the ingredients would matter, so that each gets its mean over all orders (the Shapley
 value); the shares add up to the whole gain.
 """
@@ -29,6 +29,10 @@ from kiteocp.ocp.outcome import solve
 from kiteocp.problem import Problem
 from kiteocp.result import Result
 
+#: What separates the flown cycle from the model's with the same means: its errors, and manoeuvres it does not have; and
+#: the optimum from the prescribed cycle that comes nearest to it.
+LEFT_OUT, VARYING = "what the model leaves out", "forces that vary within the phases"
+
 #: What of the prescribed cycle is taken from the optimum, one after the other.
 INGREDIENTS: Mapping[str, tuple[str, ...]] = {
     "traction force": ("operation.traction.tether_force_N",),
@@ -36,7 +40,6 @@ INGREDIENTS: Mapping[str, tuple[str, ...]] = {
     "traction elevation": ("operation.traction.elevation_deg",),
     "tether lengths": ("operation.tether_length_min_m", "operation.tether_length_max_m"),
 }
-MANOEUVRES, VARYING = "manoeuvres", "forces that vary within the phases"
 
 #: Forces are limited where they were measured.
 FORCE_LIMITS = {"limits.tether_force_max_at": "ground", "limits.tether_force_min_at": "ground"}
@@ -234,7 +237,7 @@ def optimal_operation(optimum: Result) -> dict[str, float]:
 def _contributions(
     problem: Problem, optimum: Result, pause_s: float, flown: float, prescribed: float, optimal: float
 ) -> dict[str, float]:
-    """Return what each ingredient brings, with what is left to manoeuvres and to forces that vary within the phases."""
+    """Return what each ingredient brings, with what the model leaves out and forces that vary within the phases."""
     best = optimal_operation(optimum)
     powers: dict[frozenset[str], float | None] = {frozenset(): prescribed}
     for count in range(1, len(INGREDIENTS) + 1):
@@ -247,7 +250,7 @@ def _contributions(
                 powers[frozenset(chosen)] = None
     everything = powers[frozenset(INGREDIENTS)]
     if everything is None:
-        return {MANOEUVRES: prescribed - flown, "schedule": optimal - prescribed}
+        return {LEFT_OUT: prescribed - flown, "schedule": optimal - prescribed}
     shares = dict.fromkeys(INGREDIENTS, 0.0)
     orders = 0
     for order in itertools.permutations(INGREDIENTS):
@@ -260,7 +263,7 @@ def _contributions(
     found = (
         {name: share / orders for name, share in shares.items()} if orders else {"schedule": everything - prescribed}
     )
-    return {MANOEUVRES: prescribed - flown, **found, VARYING: optimal - everything}
+    return {LEFT_OUT: prescribed - flown, **found, VARYING: optimal - everything}
 
 
 def largest(contributions: Mapping[str, float], gain: float) -> str:

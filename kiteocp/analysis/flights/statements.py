@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from kiteocp.analysis.flights.data import FLIGHT_PHASES
-from kiteocp.analysis.flights.optimum import MANOEUVRES, VARYING, largest
+from kiteocp.analysis.flights.optimum import LEFT_OUT, VARYING, largest
 from kiteocp.analysis.flights.predictions import Prediction
 from kiteocp.analysis.flights.reasons import LAW_WORDS, QUANTITY_WORDS, reasons
 from kiteocp.analysis.flights.study import FlightStudy
@@ -129,19 +129,20 @@ def _optimum(study: FlightStudy) -> Iterator[str]:
     if optimum is None:
         yield f"There is no optimum under the limits of the flight: {study.optimum_message}."
         return
-    gain = optimum.optimal_power_W - optimum.flown_power_W
-    reason = largest(optimum.contributions, gain)
+    flown, optimal = 1e-3 * optimum.flown_power_W, 1e-3 * optimum.optimal_power_W
+    # What the model leaves out of the flown cycle is no merit of the schedule.
+    parts = {name: part for name, part in optimum.contributions.items() if name != LEFT_OUT}
+    gain = 1e-3 * sum(parts.values())
+    reason = largest(parts, gain)
     yield (
-        f"Flown {1e-3 * optimum.flown_power_W:.1f} kW, optimal {1e-3 * optimum.optimal_power_W:.1f} kW under the "
-        f"limits it flew with, mostly because of {_reason_words(study, reason)} "
-        f"({1e-3 * optimum.contributions[reason]:+.1f} kW of {1e-3 * gain:+.1f} kW)."
+        f"Flown {flown:.1f} kW, optimal {optimal:.1f} kW under the limits it flew with, mostly because of "
+        f"{_reason_words(study, reason)} ({1e-3 * parts[reason]:+.1f} kW of {gain:+.1f} kW that the schedule brings)."
     )
     if optimum.prescribed_power_W is not None:
+        prescribed = 1e-3 * optimum.prescribed_power_W
         yield (
-            f"The model gives {1e-3 * optimum.prescribed_power_W:.1f} kW with the flown means, so that its own error "
-            f"and what it leaves out ({MANOEUVRES}) make "
-            f"{1e-3 * (optimum.prescribed_power_W - optimum.flown_power_W):+.1f} kW, and the schedule "
-            f"{1e-3 * (optimum.optimal_power_W - optimum.prescribed_power_W):+.1f} kW."
+            f"The model gives {prescribed:.1f} kW with the flown means: its errors and the manoeuvres that it leaves "
+            f"out make {prescribed - flown:+.1f} kW."
         )
     sigmas = "" if optimum.wind_sigmas is None else f", {optimum.wind_sigmas:.1f} standard errors of the estimate"
     yield (
@@ -157,8 +158,8 @@ def _optimum(study: FlightStudy) -> Iterator[str]:
 def _reason_words(study: FlightStudy, reason: str) -> str:
     """Return what brings most of the gain, with the numbers it goes from and to."""
     optimum = study.optimum
-    if optimum is None or reason in (MANOEUVRES, VARYING, "schedule"):
-        return {MANOEUVRES: "manoeuvres that the model leaves out", "schedule": "the schedule"}.get(reason, reason)
+    if optimum is None or reason in (VARYING, "schedule"):
+        return "the schedule as a whole" if reason == "schedule" else reason
     flown, best = optimum.problem.operation, optimum.best
     words = {
         "traction force": (flown.traction.tether_force_N, best["operation.traction.tether_force_N"], "kN", 1e-3),
