@@ -13,7 +13,7 @@ from kiteocp.cli.parser import PICTURE_FORMATS, add_overrides, add_picture_forma
 from kiteocp.errors import InputError
 
 if TYPE_CHECKING:
-    from kiteocp.analysis.estimation.study import Estimation
+    from kiteocp.analysis.estimation.estimates import Estimation
     from kiteocp.problem import Problem
 
 NAME = "estimate"

@@ -6,7 +6,7 @@ from typing import Any
 
 import yaml
 
-from kiteocp.analysis.estimation.study import Estimation
+from kiteocp.analysis.estimation.estimates import Estimation
 from kiteocp.analysis.estimation.wind import wind_speeds
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem

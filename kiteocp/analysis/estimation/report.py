@@ -31,7 +31,7 @@ def format_estimates(result: Result) -> str:
         "",
         *_wind(found),
         "",
-        "mean and half width of its 95 % interval (of a phase: with the wind as given, of the fit: with the wind's error)",
+        "mean and half width of its 95 % interval (phases: the wind as given; fit: the error of the wind included)",
         "n_eff: independent samples that C_L is worth",
         "paper: sections 3.3 and 3.4; exact: the model's own equilibrium; fit: all samples at once, robust",
         *_table(found),
