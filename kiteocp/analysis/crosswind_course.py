@@ -169,7 +169,7 @@ def compare(
     courses = sense * np.linspace(0.0, 180.0, _COURSES)
 
     def power(course_deg: FloatArray, numbers: ParameterValues = values) -> FloatArray:
-        return _powers(numbers, flown.tether_length_m, elevation, azimuth, course_deg, winch)
+        return representative_states(numbers, flown.tether_length_m, elevation, azimuth, course_deg, winch)["power"]
 
     powers = power(courses)
     at_problem = float(power(np.array([problem_course]))[0])
@@ -220,17 +220,6 @@ def representative_states(
     lift, drag = values["kite.powered.lift_coefficient"], values.kite_drag_coefficient("powered")
     rows = [tether_length_m * ones, elevation_deg * ones, azimuth_deg * ones, course_deg, lift * ones, drag * ones]
     return solve_places(values, np.array(rows), winch)
-
-
-def _powers(
-    values: ParameterValues,
-    tether_length_m: float,
-    elevation_deg: float,
-    azimuth_deg: float,
-    course_deg: FloatArray,
-    winch: Winch,
-) -> FloatArray:
-    return representative_states(values, tether_length_m, elevation_deg, azimuth_deg, course_deg, winch)["power"]
 
 
 def _averaged_place(flown: FlownPath) -> tuple[float, float]:

@@ -14,6 +14,7 @@ from kiteocp.plots.style import (
     GREY,
     INK,
     LABEL_SIZE,
+    LEGEND_STYLE,
     SMALL_SIZE,
     TITLE_SIZE,
     make_figure,
@@ -82,9 +83,7 @@ def _draw_path(figure: Figure, result: Result, study: dict[str, Any]) -> None:
         loc="upper left",
         bbox_to_anchor=(0.045, 0.895),
         ncols=2,
-        frameon=False,
-        fontsize=SMALL_SIZE,
-        borderaxespad=0.0,
+        **LEGEND_STYLE,
     )
 
 
@@ -135,7 +134,5 @@ def _draw_courses(axes: Any, study: dict[str, Any]) -> None:
         loc="lower left",
         bbox_to_anchor=(0.0, 1.01),
         ncols=2,
-        frameon=False,
-        fontsize=SMALL_SIZE,
-        borderaxespad=0.0,
+        **LEGEND_STYLE,
     )

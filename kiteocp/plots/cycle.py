@@ -16,9 +16,9 @@ from kiteocp.plots.style import (
     BLUE,
     INK,
     LABEL_SIZE,
+    LEGEND_STYLE,
     LINE_WIDTH,
     PRESCRIBED_STYLE,
-    SMALL_SIZE,
     TITLE_SIZE,
     make_figure,
     style_axes,
@@ -145,9 +145,7 @@ def _draw_panels(
         loc="lower right",
         bbox_to_anchor=(1.0, 0.96),
         ncols=2,
-        frameon=False,
-        fontsize=SMALL_SIZE,
-        borderaxespad=0.0,
+        **LEGEND_STYLE,
     )
 
 
@@ -175,7 +173,5 @@ def _write_title(figure: Figure, result: Result, prescribed: Result | None, kind
             loc="upper left",
             bbox_to_anchor=(0.055, 0.905),
             ncols=2,
-            frameon=False,
-            fontsize=LABEL_SIZE,
-            borderaxespad=0.0,
+            **(LEGEND_STYLE | {"fontsize": LABEL_SIZE}),
         )

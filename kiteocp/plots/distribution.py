@@ -12,6 +12,7 @@ from kiteocp.plots.style import (
     GREY,
     INK,
     LABEL_SIZE,
+    NOTE_STYLE,
     SMALL_SIZE,
     TITLE_SIZE,
     make_figure,
@@ -59,7 +60,7 @@ def _draw_histogram(axes: Any, summary: dict[str, Any]) -> None:
     told = f"{spread['solved']} of {spread['samples']} independent samples solved"
     if spread["mean_W"] is not None:
         told += f"; mean {1e-3 * spread['mean_W']:.2f} kW, sd {1e-3 * spread['standard_deviation_W']:.2f} kW"
-    axes.set_title(told, fontsize=SMALL_SIZE, color=GREY, loc="left")
+    axes.set_title(told, **NOTE_STYLE)
 
 
 def _draw_indices(axes: Any, summary: dict[str, Any]) -> None:
@@ -77,9 +78,4 @@ def _draw_indices(axes: Any, summary: dict[str, Any]) -> None:
     axes.axvline(0.0, color=INK, linewidth=0.8)
     axes.set_xlabel("share of the variance of the optimal mean power", fontsize=LABEL_SIZE)
     interval = f"{100 * summary['confidence']:g} %"
-    axes.set_title(
-        f"Sobol indices: first order (blue) and total (orange), black: {interval} interval",
-        fontsize=SMALL_SIZE,
-        color=GREY,
-        loc="left",
-    )
+    axes.set_title(f"Sobol indices: first order (blue) and total (orange), black: {interval} interval", **NOTE_STYLE)

@@ -14,6 +14,7 @@ from kiteocp.plots.style import (
     LABEL_SIZE,
     LIMIT_STYLE,
     LINE_WIDTH,
+    NOTE_STYLE,
     SMALL_SIZE,
     TITLE_SIZE,
     make_figure,
@@ -64,9 +65,7 @@ def _draw_tornado(axes: Any, rows: Sequence[dict[str, Any]]) -> None:
     axes.set_xlabel("change of the optimal mean power (W)", fontsize=LABEL_SIZE)
     axes.set_title(
         "at the low (orange) and high (blue) end of the stated uncertainty (*) or of 1 %;\nblack: re-solved",
-        fontsize=SMALL_SIZE,
-        color=GREY,
-        loc="left",
+        **NOTE_STYLE,
     )
 
 
@@ -116,9 +115,7 @@ def compose_variation(result: Result) -> Figure:
             room = 0.1 * (max(powers) - min(powers)) or 0.1
             power.set_ylim(min(powers) - room, max(powers) + room)
     power.set_ylabel("optimal mean power (kW)", fontsize=LABEL_SIZE)
-    power.set_title(
-        "solid: re-solved; dashed: tangent at the value of the file", fontsize=SMALL_SIZE, color=GREY, loc="left"
-    )
+    power.set_title("solid: re-solved; dashed: tangent at the value of the file", **NOTE_STYLE)
     power.tick_params(labelbottom=False)
     _draw_limits(limits, points)
     limits.set_xlabel(key, fontsize=LABEL_SIZE)
@@ -141,4 +138,4 @@ def _draw_limits(axes: Any, points: Sequence[dict[str, Any]]) -> None:
         range(len(rows)), [f"{phase}: {limit.removeprefix('limits.')}" for phase, limit in rows], fontsize=SMALL_SIZE
     )
     axes.set_ylim(-0.7, len(rows) - 0.3)
-    axes.set_title("active limits; the larger, the longer", fontsize=SMALL_SIZE, color=GREY, loc="left")
+    axes.set_title("active limits; the larger, the longer", **NOTE_STYLE)

@@ -36,6 +36,11 @@ LINE_WIDTH = 1.6
 PRESCRIBED_STYLE: dict[str, Any] = {"color": GREY, "linewidth": 1.1, "linestyle": (0, (5, 2)), "zorder": 2}
 LIMIT_STYLE: dict[str, Any] = {"color": INK, "linewidth": 0.8, "linestyle": (0, (2, 2)), "zorder": 1.5}
 
+#: A sentence above axes, for ``axes.set_title``.
+NOTE_STYLE: dict[str, Any] = {"fontsize": SMALL_SIZE, "color": GREY, "loc": "left"}
+#: A legend that stands in line with the axes, without a box.
+LEGEND_STYLE: dict[str, Any] = {"frameon": False, "fontsize": SMALL_SIZE, "borderaxespad": 0.0}
+
 _DPI = 120
 # Level 3 of zlib takes half the time of the usual 6 for a file a tenth larger.
 _PNG_COMPRESSION = 3
