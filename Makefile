@@ -10,7 +10,7 @@ demo: $(VENV)/.installed
 	$(BIN)/kiteocp solve strong-wind
 
 test: $(VENV)/.installed-test
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest --numprocesses auto --dist loadfile
 	$(BIN)/ruff check
 	$(BIN)/mypy --strict kiteocp
 

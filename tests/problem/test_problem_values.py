@@ -29,16 +29,18 @@ MINIMAL = {
 }
 
 
-def test_the_shipped_problems_are_the_papers_cases_and_a_design_case() -> None:
-    assert list(shipped_problems()) == ["moderate-wind", "strong-wind", "v3-kite"]
-    moderate, strong, v3 = (load_problem(name) for name in shipped_problems())
+def test_the_shipped_problems_are_the_papers_cases_a_design_case_and_a_flown_kite() -> None:
+    assert list(shipped_problems()) == ["moderate-wind", "strong-wind", "v3-kite", "v9-kite"]
+    moderate, strong, v3, v9 = (load_problem(name) for name in shipped_problems())
     # Table of model input parameters of the paper, with the errata of the project's reading of it.
     assert moderate.kite.depowered.lift_coefficient == 0.192
     assert (moderate.kite.projected_area_m2, moderate.kite.mass_kg) == (19.8, 19.6)
     assert strong.operation.traction.tether_force_N == strong.limits.tether_force_max_N == 3008.0
     assert strong.operation.retraction.tether_force_N == strong.limits.tether_force_min_N == 749.0
     assert v3.kite.powered.kite_lift_to_drag == pytest.approx(4.5, rel=1e-15)
-    assert all(load_problem(name).warnings() == [] for name in shipped_problems())
+    # The kite and its control unit, from the description of the flight.
+    assert v9.kite.mass_kg == 62.0 + 31.6
+    assert all(problem.warnings() == [] for problem in (moderate, strong, v3, v9))
 
 
 def test_defaults_are_filled_in() -> None:
