@@ -22,6 +22,7 @@ from kiteocp.analysis.flights.limits import WINDOW_S, flown_limits
 from kiteocp.analysis.flights.measured import measured_cycle, model_lengths, time_mean
 from kiteocp.analysis.flights.optimum import LEFT_OUT, largest
 from kiteocp.analysis.flights.prescribed import fly_law
+from kiteocp.analysis.flights.reasons import delay
 from kiteocp.analysis.flights.replay import WinchLaw, path_of, replay, winch_law
 from kiteocp.analysis.flights.statements import statements
 from kiteocp.analysis.flights.study import FlightStudy, validate_flight
@@ -44,7 +45,7 @@ SENSOR = 0.9
 @cache
 def exact_study() -> FlightStudy:
     """Two cycles without noise, the first to estimate on."""
-    flight = made_flight(2)
+    flight = made_flight(2, sample_rate_Hz=5.0)
     flight = replace(flight, apparent_wind_speed_m_s=SENSOR * flight.apparent_wind_speed_m_s)
     return validate_flight(flight, kiteocp.load_problem("v9-kite"))
 
@@ -63,8 +64,8 @@ def test_phases_and_power_come_back_by_every_law() -> None:
     (cycle,) = exact_study().cycles
     assert set(cycle.phases) == {"retraction", "transition", "traction"}
     for name, phase in cycle.phases.items():
-        # Samples are 0.1 s apart: that is 3 % of the transition.
-        share = 0.005 if name != "transition" else 0.04
+        # Samples are 0.2 s apart: that is 6 % of the transition.
+        share = 0.01 if name != "transition" else 0.07
         for law, quantities in phase.predictions.items():
             for quantity, found in quantities.items():
                 assert abs(found.deviation) < (share if law == "constant_force" else 1e-6), (name, law, quantity)
@@ -109,18 +110,14 @@ def test_what_brings_most_of_a_gain_or_loss() -> None:
     assert largest(parts, -0.5) == "b"
 
 
-@cache
-def noisy_study() -> FlightStudy:
-    """Three cycles, numbered from 7, with noise, wrong samples and gaps."""
-    flight = made_flight(3, NOISE, sample_rate_Hz=5.0, gaps=((12.0, 15.0), (90.0, 96.0)), seed=5)
-    flight = replace(flight, cycle=flight.cycle + 7)
-    return validate_flight(flight, kiteocp.load_problem("v9-kite"))
-
-
+@pytest.mark.usefixtures("no_optimum")
 def test_noise_and_gaps_leave_the_truth_inside_the_bands() -> None:
-    study = noisy_study()
+    """Cycles numbered from 7, with noise, wrong samples and gaps."""
+    flight = made_flight(2, NOISE, sample_rate_Hz=5.0, gaps=((12.0, 15.0), (90.0, 96.0)), seed=5)
+    flight = replace(flight, cycle=flight.cycle + 7)
+    study = validate_flight(flight, kiteocp.load_problem("v9-kite"))
     assert study.kite.cycles == (7,)
-    assert [cycle.measured.number for cycle in study.cycles] == [8, 9]
+    assert [cycle.measured.number for cycle in study.cycles] == [8]
     values, fit = parameter_values(study.kite.problem), study.kite.fit.fit
     for key in TRUTH:
         if key.startswith("kite."):
@@ -249,12 +246,36 @@ def turned_flight(flight: FlightData) -> FlightData:
     return replace(flight, phase=phase)
 
 
+def test_a_late_effect_is_found() -> None:
+    time = np.arange(0.0, 60.0, 0.1)
+    cause = np.sin(0.6 * time) + 0.3 * np.sin(1.7 * time + 1.0)
+    found = delay(time, cause, 5.0 + np.interp(time - 2.3, time, cause))
+    assert found is not None
+    late, at_once, best = found
+    assert late == pytest.approx(2.3, abs=0.1)
+    assert best > 0.99 > at_once
+    assert delay(time, np.full(600, 3.0), cause) is None
+    assert delay(time[:15], cause[:15], cause[:15]) is None
+
+
+@pytest.fixture
+def no_optimum(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Limits that no cycle can be flown under."""
+
+    def fail(*arguments: object) -> None:
+        raise kiteocp.SolveError("the limits leave nothing")
+
+    monkeypatch.setattr("kiteocp.analysis.flights.study.study_optimum", fail)
+
+
+@pytest.mark.usefixtures("no_optimum")
 def test_one_cycle_alone_is_compared_with_itself_and_says_so() -> None:
     study = validate_flight(made_flight(1, sample_rate_Hz=4.0), kiteocp.load_problem("v9-kite"))
     assert any("the cycles are compared that the coefficients come from" in warning for warning in study.warnings)
     assert [cycle.measured.number for cycle in study.cycles] == [0]
 
 
+@pytest.mark.usefixtures("no_optimum")
 def test_cycles_asked_for_and_cycles_left_out() -> None:
     flight, problem = made_flight(3, sample_rate_Hz=4.0), kiteocp.load_problem("v9-kite")
     with pytest.raises(InputError, match="complete cycles of the flight are 0, 1, 2"):
@@ -294,13 +315,8 @@ def test_the_summary_is_plain_and_the_text_names_flown_and_optimal() -> None:
     assert max(map(len, text.splitlines())) <= 120
 
 
-def test_without_an_optimum_the_comparison_is_kept(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def fail(*arguments: object) -> None:
-        raise kiteocp.SolveError("the limits leave nothing")
-
-    monkeypatch.setattr("kiteocp.analysis.flights.study.study_optimum", fail)
+@pytest.mark.usefixtures("no_optimum")
+def test_without_an_optimum_the_comparison_is_kept(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = write_csv(tmp_path / "flight.csv", kitepower_rows(made_flight(2, sample_rate_Hz=4.0)))
     assert main(["validate", str(path), "--system", "v9-kite", "--no-plot", "-o", str(tmp_path / "out"), "--json"]) == 1
     out, error = capsys.readouterr()

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from kiteocp.analysis.flights.cleaning import FloatArray
 from kiteocp.analysis.flights.predictions import CycleComparison
 from kiteocp.analysis.flights.study import FlightStudy
 
@@ -40,6 +41,12 @@ LONGER = 2.0
 #: Time over which a change of the kite's speed is taken.
 SMOOTHED_S = 1.0
 
+#: A force follows late where the delay is longer than this and raises the correlation by so much.
+LATE_S, LATE_GAIN = 0.5, 0.2
+
+#: Longest delay looked for (s), and samples below which none is.
+LONGEST_DELAY_S, FEWEST = 5.0, 20
+
 #: Relative standard deviation of the force within the traction beyond which it was not held constant.
 HELD = 0.05
 
@@ -49,6 +56,7 @@ def reasons(study: FlightStudy) -> Iterator[str]:
     yield from _why_sensitive(study)
     yield from _why_coefficients(study)
     yield from _why_course(study)
+    yield from _why_late(study)
     yield from _why_transition(study)
     yield from _why_turn(study)
     yield from _why_law(study)
@@ -140,6 +148,43 @@ def _why_course(study: FlightStudy) -> Iterator[str]:
                     "inertia"
                 )
             yield f"{line}."
+
+
+def _why_late(study: FlightStudy) -> Iterator[str]:
+    """Say by how much the flown force of the traction follows the model's, where that explains much."""
+    found = []
+    for cycle in _phase_pairs(study, "traction"):
+        again = cycle.phases["traction"].replayed
+        found.append(delay(again.path.time_s, again.force_N, again.path.force_N))
+    delays = [part for part in found if part is not None]
+    if not delays:
+        return
+    late, at_once, best = (float(np.mean(column)) for column in zip(*delays, strict=True))
+    if late >= LATE_S and best - at_once > LATE_GAIN:
+        yield (
+            f"The flown force of the traction follows the model's at the flown reeling speed {late:.1f} s later "
+            f"(correlation {best:.2f}, against {at_once:.2f} at once): a quasi-steady kite has the speed of its "
+            "equilibrium at every instant, a real one needs time to get there."
+        )
+
+
+def delay(time_s: FloatArray, cause: FloatArray, effect: FloatArray) -> tuple[float, float, float] | None:
+    """Return how much later one series follows another (s), and their correlation at once and then.
+
+    None for series that are constant, too short, or missing for the most part.
+    """
+    if time_s.size < FEWEST or time_s[-1] - time_s[0] < 4.0 * LONGEST_DELAY_S or np.isfinite(cause).mean() < 0.5:
+        return None
+    step = float(np.median(np.diff(time_s)))
+    grid = np.arange(time_s[0], time_s[-1], step)
+    known = np.isfinite(cause)
+    one, other = np.interp(grid, time_s[known], cause[known]), np.interp(grid, time_s, effect)
+    if min(np.std(one) / abs(np.mean(one)), np.std(other) / abs(np.mean(other))) < 1e-3:
+        return None
+    shifts = range(round(LONGEST_DELAY_S / step) + 1)
+    found = [float(np.corrcoef(one[: one.size - shift], other[shift:])[0, 1]) for shift in shifts]
+    best = int(np.argmax(found))
+    return best * step, found[0], found[best]
 
 
 def _inertia(study: FlightStudy) -> tuple[float, float] | None:
