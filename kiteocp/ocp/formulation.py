@@ -8,6 +8,7 @@ problem file are parameters: the program is built once for a structure and solve
 from __future__ import annotations
 
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
@@ -75,6 +76,8 @@ class Formulation:
         Mesh intervals of retraction, transition and traction.
     degree
         Collocation points per interval.
+    interval_fractions
+        Shares of the intervals in each of these phases, where they are not equal.
     """
 
     objective: str
@@ -84,6 +87,7 @@ class Formulation:
     equilibrium: str
     intervals: tuple[int, int, int]
     degree: int
+    interval_fractions: tuple[tuple[float, ...], ...] | None = None
 
     @classmethod
     def of(cls, problem: Problem) -> Formulation:
@@ -111,12 +115,24 @@ class Formulation:
 
     def refined(self) -> Formulation:
         """Return the same on a mesh of half the intervals' length."""
+        if self.interval_fractions is not None:
+            return self.on_mesh({name: mesh.refined() for name, mesh in self.mesh.items()})
         first, second, third = self.intervals
         return replace(self, intervals=(2 * first, 2 * second, 2 * third))
+
+    def on_mesh(self, mesh: Mapping[str, PhaseMesh]) -> Formulation:
+        """Return the same on any mesh, of intervals of any length."""
+        first, second, third = (mesh[name].interval_fractions for name in PHASES)
+        return replace(self, intervals=(len(first), len(second), len(third)), interval_fractions=(first, second, third))
 
     @property
     def mesh(self) -> dict[str, PhaseMesh]:
         """Mesh of each phase."""
+        if self.interval_fractions is not None:
+            return {
+                name: PhaseMesh(self.degree, fractions)
+                for name, fractions in zip(PHASES, self.interval_fractions, strict=True)
+            }
         return {
             name: PhaseMesh.uniform(intervals=count, degree=self.degree)
             for name, count in zip(PHASES, self.intervals, strict=True)

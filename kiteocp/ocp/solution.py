@@ -2,23 +2,95 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from kiteocp.ocp import certificate as certify
-from kiteocp.ocp.certificate import Certificate, Level
-from kiteocp.ocp.formulation import Formulation
+from kiteocp.ocp.certificate import Certificate, Check, Level
+from kiteocp.ocp.formulation import Formulation, cycle_problem, deferred_rows
 from kiteocp.ocp.limits import SCALES
 from kiteocp.ocp.nlpsolver import Solution, Solver
 from kiteocp.ocp.optimum import OptimalCycle
+from kiteocp.ocp.refinement import TARGET, IntervalErrors, adapted_mesh, interval_errors, passed_limit
 from kiteocp.ocp.search import Attempt, best_of, cycle_solver, search, solver_options
+from kiteocp.ocp.transcription import transcribe
 from kiteocp.physics.parameters import ParameterValues, parameter_values
 from kiteocp.problem import Problem
 
-#: Times that the full certificate halves the mesh at most, and the collocation points that it goes up to.
+Options = tuple[tuple[str, Any], ...]
+
+#: Times that the full certificate halves a mesh at most, and the collocation points that it goes up to.
 REFINEMENTS = 4
 MOST_POINTS = 500
+
+#: Times that it adapts the mesh before it halves it again, and the steps that it does so in.
+ADAPTATIONS = 2
+ADAPTING_STEPS = 3
+
+
+@dataclass(frozen=True)
+class MeshSolution:
+    """The best cycle on one mesh.
+
+    Attributes
+    ----------
+    formulation
+        Holds the mesh.
+    solver, solution
+        What solved it, and the result.
+    halved
+        Whether every interval is half of one of the mesh before.
+    """
+
+    formulation: Formulation
+    solver: Solver
+    solution: Solution
+    halved: bool
+
+    @property
+    def mean_power_W(self) -> float:
+        """Mean power of the objective."""
+        return -self.solution.f * SCALES["power"]
+
+    @property
+    def name(self) -> str:
+        """Intervals of each phase, and whether they are of equal length."""
+        adapted = self.formulation.interval_fractions is not None
+        return f"{self.formulation.intervals}{' adapted' if adapted else ''}"
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the mesh as plain values for the summary."""
+        phases = self.solver.program.unpack(self.solution.x, self.solution.p).phases.values()
+        return {
+            "intervals": self.name,
+            "points": self.formulation.points,
+            "shortest_interval_s": float(min(phase.duration * min(phase.mesh.interval_fractions) for phase in phases)),
+            "mean_power_W": self.mean_power_W,
+        }
+
+    def errors(self, values: ParameterValues) -> dict[str, IntervalErrors]:
+        """Estimate the error of each interval, by phase."""
+        program = self.solver.program
+        return interval_errors(program, self.solution, OptimalCycle.of(program, self.solution, values))
+
+    def on(
+        self, formulation: Formulation, values: ParameterValues, options: Options, *, halved: bool = False
+    ) -> MeshSolution | None:
+        """Solve on another mesh, from here; None where that fails."""
+        if formulation.interval_fractions is None:
+            solver = cycle_solver(values.structure, formulation, options)
+        else:
+            # No other problem will ask for this mesh again: it is not kept.
+            program = transcribe(cycle_problem(values.structure, formulation), formulation.mesh)
+            solver = Solver(program, dict(options), deferred=deferred_rows(program))
+        start = solver.program.pack(self.solver.program.unpack(self.solution.x, values.vector))
+        solution = solver.solve(start, values.vector, near=True)
+        if not solution.success:
+            solution = solver.solve(start, values.vector)
+        return MeshSolution(formulation, solver, solution, halved) if solution.success else None
 
 
 @dataclass(frozen=True)
@@ -71,40 +143,63 @@ def optimise(problem: Problem, *, certificate: Level = "full") -> Optimum:
     options = solver_options(problem)
     solver = cycle_solver(values.structure, formulation, options)
     attempts = search(values, formulation, options)
-    solution = best_of(attempts).solution
-    powers, meshes = [-solution.f * SCALES["power"]], [str(formulation.intervals)]
+    meshes = [MeshSolution(formulation, solver, best_of(attempts).solution, halved=False)]
     optimum = None
-    for _ in range(REFINEMENTS if certificate == "full" else 0):
-        formulation = formulation.refined()
-        if formulation.points > MOST_POINTS and len(powers) > 1:
+    adaptations = 0
+    for count in range(REFINEMENTS if certificate == "full" else 0):
+        steps: list[MeshSolution] = []
+        # Where the first halving leaves little, the second one mends it; where it leaves much, no halving does.
+        if count > 1 or (count == 1 and _owed(meshes[-1].errors(values)) > certify.MESH_TOLERANCE):
+            if adaptations == ADAPTATIONS:
+                break
+            adaptations += 1
+            steps = _adapted(meshes[-1], values, options)
+        last = (steps or meshes)[-1]
+        finer = last.formulation.refined()
+        halved = None if finer.points > MOST_POINTS and count else last.on(finer, values, options, halved=True)
+        if halved is None:
             break
-        finer = cycle_solver(values.structure, formulation, options)
-        start = finer.program.pack(solver.program.unpack(solution.x, values.vector))
-        refined = finer.solve(start, values.vector, near=True)
-        if not refined.success:
-            refined = finer.solve(start, values.vector)
-        if not refined.success:
-            break
-        solver, solution = finer, refined
-        powers.append(-solution.f * SCALES["power"])
-        meshes.append(str(formulation.intervals))
-        optimum = _judged(problem, values, solver, attempts, solution, powers, meshes, certificate)
+        meshes += [*steps, halved]
+        optimum = _judged(problem, values, attempts, meshes, certificate)
         if optimum.certificate.passed:
             break
-    return optimum or _judged(problem, values, solver, attempts, solution, powers, meshes, certificate)
+    return optimum or _judged(problem, values, attempts, meshes, certificate)
+
+
+def _owed(errors: Mapping[str, IntervalErrors]) -> float:
+    """Share of the power that all intervals owe to their length, as far as it can be estimated."""
+    return float(sum(np.sum(np.abs(phase.gap) + phase.excess) for phase in errors.values()))
+
+
+def _adapted(start: MeshSolution, values: ParameterValues, options: Options) -> list[MeshSolution]:
+    """Adapt the mesh step by step until its intervals owe no more than `refinement.TARGET`, or it gets too large."""
+    found: list[MeshSolution] = []
+    for _ in range(ADAPTING_STEPS):
+        last = (found or [start])[-1]
+        errors = last.errors(values)
+        if sum(phase.total.sum() for phase in errors.values()) <= TARGET:
+            break
+        mesh = {name: adapted_mesh(phase, errors[name].total) for name, phase in last.formulation.mesh.items()}
+        formulation = last.formulation.on_mesh(mesh)
+        # It has to be halved afterwards.
+        if 2 * formulation.points > MOST_POINTS:
+            break
+        finer = last.on(formulation, values, options)
+        if finer is None:
+            break
+        found.append(finer)
+    return found
 
 
 def _judged(
     problem: Problem,
     values: ParameterValues,
-    solver: Solver,
     attempts: Sequence[Attempt],
-    solution: Solution,
-    powers: Sequence[float],
-    meshes: Sequence[str],
+    meshes: Sequence[MeshSolution],
     level: Level,
 ) -> Optimum:
-    """Read a solution and run all checks on it."""
+    """Read the solution on the last mesh and run all checks on it."""
+    solver, solution = meshes[-1].solver, meshes[-1].solution
     cycle = OptimalCycle.of(solver.program, solution, values)
     resimulation, flown, facts = certify.resimulation_check(cycle, level)
     margins = certify.limit_margins(cycle, flown)
@@ -118,7 +213,7 @@ def _judged(
         # Behind generator and motor the objective is another power than the cycle's.
         checks.insert(2, certify.objective_check(-solution.f * SCALES["power"], cycle))
     if level == "full":
-        checks.append(certify.mesh_check(powers, meshes))
+        checks.append(_mesh_check(meshes, values))
     checks.append(certify.starts_check([attempt.mean_power_W for attempt in attempts]))
     checks.append(certify.jumps_check(cycle, problem.optimisation.speed_jumps == "limited"))
     return Optimum(
@@ -132,8 +227,15 @@ def _judged(
         {
             "resimulation": facts,
             "limit_margins": {item.key: {"phase": item.phase, "margin": item.margin} for item in margins},
-            "meshes": [
-                {"intervals": mesh, "mean_power_W": power} for mesh, power in zip(meshes, powers, strict=True)
-            ],
+            "meshes": [mesh.to_dict() for mesh in meshes],
         },
     )
+
+
+def _mesh_check(meshes: Sequence[MeshSolution], values: ParameterValues) -> Check:
+    """Compare the last mesh, if it halves another, with that; where they differ, say what differs if that is known."""
+    if not meshes[-1].halved:
+        return certify.mesh_check([], [])
+    check = certify.mesh_check([mesh.mean_power_W for mesh in meshes[-2:]], [mesh.name for mesh in meshes[-2:]])
+    remark = None if check.passed else passed_limit(meshes[-1].errors(values), meshes[-1].formulation.mesh)
+    return replace(check, text=f"{check.text}; {remark}") if remark else check
