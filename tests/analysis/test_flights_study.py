@@ -16,6 +16,7 @@ import kiteocp
 from kiteocp import InputError
 from kiteocp.analysis.estimation.synthetic import Noise
 from kiteocp.analysis.flights import FlightData, load_flight
+from kiteocp.analysis.flights.aerodynamics import check_forces
 from kiteocp.analysis.flights.comparison import compare_cycle
 from kiteocp.analysis.flights.kite import estimate_kite
 from kiteocp.analysis.flights.limits import WINDOW_S, flown_limits
@@ -89,6 +90,10 @@ def test_the_law_of_a_phase_is_that_of_the_simulation() -> None:
         found = fly_law(phase, exact, values).summary()
         assert found["duration_s"] == pytest.approx(expected["duration_s"], rel=2e-4), name
         assert found["mean_power_W"] == pytest.approx(expected["mean_power_W"], rel=2e-3), name
+
+
+def test_the_force_follows_from_velocity_alone() -> None:
+    assert check_forces(exact_study()).deviations == pytest.approx((0.0,), abs=1e-6)
 
 
 def test_the_optimum_is_no_worse_than_the_flown_schedule_and_the_gain_adds_up() -> None:
@@ -404,6 +409,10 @@ def test_the_real_flight_is_explained() -> None:
         assert abs(speed.deviation) < 0.05
         retraction = cycle.phases["retraction"].predictions["constant_force"]["duration_s"]
         assert abs(retraction.deviation) < 0.4
+    # The aerodynamics of cycles 0 and 1 hold on cycles 2 and 3.
+    check = check_forces(study)
+    assert max(map(abs, check.deviations)) < 0.08
+    assert min(check.correlations) > 0.8
     assert study.optimum is not None
     assert study.optimum.result.status == "certified"
     assert study.optimum.optimal_power_W > (study.optimum.prescribed_power_W or np.inf)

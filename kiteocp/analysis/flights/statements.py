@@ -5,9 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+import numpy as np
+
+from kiteocp.analysis.flights.aerodynamics import check_forces
 from kiteocp.analysis.flights.data import FLIGHT_PHASES
 from kiteocp.analysis.flights.optimum import LEFT_OUT, VARYING, largest
-from kiteocp.analysis.flights.predictions import Prediction
+from kiteocp.analysis.flights.predictions import CLOSE, Prediction
 from kiteocp.analysis.flights.reasons import LAW_WORDS, QUANTITY_WORDS, reasons
 from kiteocp.analysis.flights.study import FlightStudy
 
@@ -52,8 +55,8 @@ def statements(study: FlightStudy) -> dict[str, list[str]]:
     found = findings(study)
     return {
         "what the flight shows": list(_shown(study)),
-        "what agrees": list(_agreeing(found)),
-        "what does not agree": list(_differing(found)),
+        "what agrees": [*_force(study, agrees=True), *_agreeing(found)],
+        "what does not agree": [*_force(study, agrees=False), *_differing(found)],
         "why": list(reasons(study)),
         "the optimum": list(_optimum(study)),
     }
@@ -98,6 +101,24 @@ def _shown(study: FlightStudy) -> Iterator[str]:
     if flight.counts:
         counted = ", ".join(f"{reason.replace('_', ' ')} {count}" for reason, count in flight.counts.items())
         yield f"Rejected or repaired in reading {len(flight)} samples: {counted}."
+
+
+def _force(study: FlightStudy, *, agrees: bool) -> Iterator[str]:
+    """Say how well the aerodynamics hold, if that is what the topic is about."""
+    check = check_forces(study)
+    if not check.deviations or (max(map(abs, check.deviations)) <= CLOSE) != agrees:
+        return
+    low, high = round(100 * min(check.deviations)), round(100 * max(check.deviations))
+    off = f"{low:+d} %" if low == high else f"{low:+d} to {high:+d} %"
+    line = (
+        "Wind, measured velocity and the estimated coefficients, without the equilibrium, give the mean aerodynamic "
+        f"force of the traction ({off})"
+    )
+    if check.correlations:
+        line += f", sample by sample with a correlation of {np.mean(check.correlations):.2f}"
+    if agrees and any("differs" in finding.verdicts for finding in findings(study) if finding.phase == "traction"):
+        line += ": what differs more in the traction is the speed at which the model's kite is in equilibrium"
+    yield f"{line}."
 
 
 def _agreeing(found: list[Finding]) -> Iterator[str]:
