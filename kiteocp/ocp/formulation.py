@@ -11,48 +11,19 @@ import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from kiteocp.cycle.phases import PHASE_CHANGES, PHASES, RETRACTION, TRACTION, TRANSITION, PhaseKind
 from kiteocp.ocp.collocation import PhaseMesh
-from kiteocp.ocp.declaration import (
-    Link,
-    OptimalControlProblem,
-    PathConstraint,
-    Phase,
-    Point,
-    PointExpressions,
-    RateLimit,
-    Residual,
-    Static,
-    Variable,
-)
-from kiteocp.ocp.limits import SCALES, PathLimit, bounds_of, path_limits
+from kiteocp.ocp.cycle_phases import PhaseBuilder
+from kiteocp.ocp.declaration import Link, OptimalControlProblem
+from kiteocp.ocp.limits import SCALES
 from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.transcription import transcribe
-from kiteocp.physics import kinematics
-from kiteocp.physics.equilibrium import inflow_angle_at_force, outputs_of
-from kiteocp.physics.kinematics import Course, radians
-from kiteocp.physics.model import Model, Position
-from kiteocp.physics.parameters import Parameters, Structure, parameters_of
+from kiteocp.physics.model import Model
+from kiteocp.physics.parameters import Structure, parameters_of
 from kiteocp.problem import Problem
-
-#: Bounds of the inflow angle. Near 0 the kite stands still in the air, near pi/2 the tether is slack: the steady states
-#: end there (a kinematic ratio of 0.03 and 200).
-INFLOW_ANGLE = (0.03, float(np.arctan(200.0)))
-
-#: Least square of the apparent wind along the course over that of the wind, where the tangential speed has two roots.
-DISCRIMINANT_MIN = 1e-3
-
-#: Shortest retraction and transition, s; below, a phase has no meaning.
-SHORTEST = {"retraction": 0.5, "transition": 0.2}
-LONGEST_S = 3600.0
-
-#: Rounding of the electrical power at zero, where generator and motor meet, W.
-POWER_ROUNDING_W = 10.0
 
 
 @dataclass(frozen=True)
@@ -153,7 +124,7 @@ def cycle_program(structure: Structure, formulation: Formulation) -> NonlinearPr
 
 def cycle_problem(structure: Structure, formulation: Formulation) -> OptimalControlProblem:
     """Declare the optimal control problem: phases, links between them, and the mean power to be maximised."""
-    builder = _Builder(parameters_of(structure), formulation)
+    builder = PhaseBuilder(Model(parameters_of(structure)), formulation)
     retraction, transition = builder.plane_phase(RETRACTION), builder.plane_phase(TRANSITION)
     traction, statics = builder.traction_phase()
     phases = [retraction, transition, traction]
@@ -208,148 +179,3 @@ def deferred_rows(program: NonlinearProgram) -> list[int]:
         for name in names:
             rows += list(program.find_rows(phase=phase, kind="path", name=name))
     return sorted(int(row) for row in rows)
-
-
-class _Builder:
-    """The phases of one problem, which share parameters and limits."""
-
-    def __init__(self, parameters: Parameters, formulation: Formulation) -> None:
-        self.parameters = parameters
-        self.model = Model(parameters)
-        self.formulation = formulation
-        self.implicit = formulation.equilibrium == "implicit"
-        self.limits: list[PathLimit] = path_limits(parameters.structure)
-        self.traction_start: Any = None
-        self.traction_end: Any = None
-
-    def variable(self, name: str, phase: PhaseKind, quantity: str | None = None) -> Variable:
-        """Return a state with the limits of its quantity; an elevation is at least zero."""
-        quantity = quantity or name
-        lower, upper = bounds_of(self.limits, self.parameters, phase.name, quantity)
-        if quantity == "elevation" and phase is not TRACTION:
-            lower = 0.0
-        return Variable(name, lower, upper, SCALES[quantity])
-
-    def plane_phase(self, kind: PhaseKind) -> Phase:
-        """Retraction or transition: straight up or down in the plane of the wind."""
-
-        def model(point: Point) -> PointExpressions:
-            position = kind.position(self.model, point["tether_length"], point["elevation"])
-            return self.expressions(
-                kind,
-                point,
-                position,
-                lambda speed: kinematics.elevation_rate(speed, position.course, point["tether_length"]),
-            )
-
-        return self.phase(
-            kind, model, [self.variable("elevation", kind)], Variable("duration", SHORTEST[kind.name], LONGEST_S, 10.0)
-        )
-
-    def traction_phase(self) -> tuple[Phase, list[Static]]:
-        """Crosswind flight at a mean state, its elevation constant, linear in time, free, or tied to the course."""
-        mode, p = self.formulation.traction_elevation, self.parameters
-        duration = Variable("duration", p["limits.traction_duration_min_s"], LONGEST_S, 10.0)
-        rate_max = radians(p["limits.traction_elevation_rate_max_deg_s"])
-        states, controls, statics = [], [], []
-        elevation_variable = self.variable("elevation", TRACTION)
-        if mode == "constant":
-            statics = [Static("elevation", elevation_variable.lower, elevation_variable.upper)]
-        else:
-            states = [elevation_variable]
-        if mode == "linear":
-            statics = [Static("elevation_rate", scale=0.01)]
-        elif mode == "free":
-            controls = [Variable("elevation_rate", -rate_max, rate_max, 0.01)]
-        elif mode == "course-coupled":
-            controls = [Variable("course", 0.0, np.pi)]
-        fixed = {static.name: static.symbol for static in statics}
-
-        def model(point: Point) -> PointExpressions:
-            length = point["tether_length"]
-            elevation = fixed["elevation"] if mode == "constant" else point["elevation"]
-            nominal = TRACTION.position(self.model, length, elevation)
-            if mode != "course-coupled":
-                rate = fixed.get("elevation_rate", point.values.get("elevation_rate"))
-                return self.expressions(TRACTION, point, nominal, lambda _: rate)
-            course = Course.of_angle(point["course"])
-            # At the mean course of the file the manoeuvre is closed and keeps its elevation; any other makes it climb.
-            drift = Course(course.cosine - nominal.course.cosine, 0.0)
-            position = Position(length, elevation, nominal.azimuth, course)
-            return self.expressions(
-                TRACTION, point, position, lambda speed: kinematics.elevation_rate(speed, drift, length)
-            )
-
-        phase = self.phase(TRACTION, model, states, duration, controls)
-        if mode == "constant":
-            self.traction_start = self.traction_end = fixed["elevation"]
-        else:
-            self.traction_start, self.traction_end = phase.start["elevation"], phase.end["elevation"]
-        return phase, statics
-
-    def phase(
-        self,
-        kind: PhaseKind,
-        model: Any,
-        states: list[Variable],
-        duration: Variable,
-        controls: list[Variable] | None = None,
-    ) -> Phase:
-        """Declare what all phases share: tether length, force, inflow angle, and the acceleration of the winch."""
-        acceleration = self.parameters["limits.reeling_acceleration_max_m_s2"]
-        controls = [Variable("radial_ground_force", 0.0, np.inf, SCALES["radial_ground_force"]), *(controls or [])]
-        if self.formulation.schedules_power_setting(kind):
-            controls.append(Variable("power_setting", 0.0, 1.0))
-        return Phase(
-            kind.name,
-            duration=duration,
-            states=[self.variable("tether_length", kind), *states],
-            algebraics=[Variable("inflow_angle", *INFLOW_ANGLE)] if self.implicit else [],
-            controls=controls,
-            model=model,
-            rate_limits=[
-                RateLimit("limits.reeling_acceleration_max_m_s2", "reeling_speed", -acceleration, acceleration)
-            ],
-        )
-
-    def expressions(self, kind: PhaseKind, point: Point, position: Position, elevation_rate: Any) -> PointExpressions:
-        """Dynamics, equilibrium and limits at a point."""
-        setting = point["power_setting"] if self.formulation.schedules_power_setting(kind) else kind.setting
-        around = self.model.surroundings(position, self.model.coefficients(setting))
-        force = point["radial_ground_force"]
-        if self.implicit:
-            inflow_angle = point["inflow_angle"]
-        else:
-            inflow_angle = inflow_angle_at_force(self.model, position, around, force).inflow_angle
-        state = self.model.state_at_force(position, around, force, inflow_angle)
-        # What is a variable is not an output as well: every name has one meaning.
-        outputs = {name: value for name, value in outputs_of(state).items() if name not in point.values}
-        outputs["objective_power"] = self.objective_power(state.power)
-        derivatives = {"tether_length": state.reeling_speed}
-        if "elevation" in point.values:
-            derivatives["elevation"] = elevation_rate(state.tangential_speed)
-        constraints = []
-        for quantity in ("tether_force_kite", "tether_force_ground", "reeling_speed", "power", "height"):
-            lower, upper = bounds_of(self.limits, self.parameters, kind.name, quantity)
-            if not (_infinite(lower) and _infinite(upper)):
-                constraints.append(PathConstraint(quantity, outputs[quantity], lower, upper, SCALES[quantity]))
-        if kind.course is None:
-            forward = (around.wind.along_course - state.tangential_speed) / around.wind_speed
-            constraints.append(PathConstraint("forward flight", forward**2, DISCRIMINANT_MIN, np.inf))
-        if not self.implicit:
-            constraints.append(PathConstraint("inflow angle", inflow_angle, *INFLOW_ANGLE))
-        residuals = [Residual("equilibrium", state.residual)] if self.implicit else []
-        return PointExpressions(derivatives, residuals, constraints, outputs)
-
-    def objective_power(self, power: Any) -> Any:
-        """Power that the objective integrates: mechanical, or electrical behind generator and motor."""
-        if self.formulation.objective == "mechanical":
-            return power
-        p = self.parameters
-        generator, motor = p["machine.generator_efficiency"], 1 / p["machine.motor_efficiency"]
-        rounded = ca.sqrt(power**2 + POWER_ROUNDING_W**2) - POWER_ROUNDING_W
-        return 0.5 * (generator + motor) * power - 0.5 * (motor - generator) * rounded
-
-
-def _infinite(bound: Any) -> bool:
-    return isinstance(bound, float) and not np.isfinite(bound)

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from kiteocp.cycle.phases import PHASE_CHANGES, PhaseName
 from kiteocp.cycle.schedule import schedule_functions
-from kiteocp.ocp.formulation import DISCRIMINANT_MIN
+from kiteocp.ocp.cycle_phases import DISCRIMINANT_MIN
 from kiteocp.ocp.limits import path_limits
 from kiteocp.physics.equilibrium import OUTPUTS
 from kiteocp.physics.parameters import ParameterValues, parameter_values
