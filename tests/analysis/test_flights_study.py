@@ -281,6 +281,18 @@ def test_one_cycle_alone_is_compared_with_itself_and_says_so() -> None:
 
 
 @pytest.mark.usefixtures("no_optimum")
+def test_a_wrong_unit_or_sense_of_the_map_is_suspected() -> None:
+    flight = made_flight(1, sample_rate_Hz=4.0)
+    weak = replace(flight, tether_force_ground_N=flight.tether_force_ground_N / 9.80665)
+    study = validate_flight(weak, kiteocp.load_problem("v9-kite"))
+    assert any("check units of force" in warning for warning in study.warnings)
+    odd = replace(flight, counts={"values_course_disagrees": len(flight) // 2})
+    study = validate_flight(odd, kiteocp.load_problem("v9-kite"))
+    assert any("zero and sense of the course" in warning for warning in study.warnings)
+    assert not any("check" in warning for warning in exact_study().warnings)
+
+
+@pytest.mark.usefixtures("no_optimum")
 def test_cycles_asked_for_and_cycles_left_out() -> None:
     flight, problem = made_flight(3, sample_rate_Hz=4.0), kiteocp.load_problem("v9-kite")
     with pytest.raises(InputError, match="complete cycles of the flight are 0, 1, 2"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,6 +16,12 @@ from kiteocp.analysis.flights.optimum import OptimumStudy, study_optimum
 from kiteocp.analysis.flights.predictions import CycleComparison
 from kiteocp.errors import InputError, SolveError
 from kiteocp.problem import Problem
+
+#: Share of samples whose recorded course may disagree with the velocity.
+DOUBTFUL_COURSES = 0.1
+
+#: Lift coefficients that a kite may have.
+CREDIBLE_LIFTS = {"powered": (0.25, 2.5), "depowered": (0.02, 1.5)}
 
 #: Called with how many parts are done, and of how many.
 Progress = Callable[[int, int], None]
@@ -108,8 +114,26 @@ def validate_flight(
         cycles=tuple(cycles),
         optimum=optimum,
         optimum_message=message,
-        warnings=(*warnings, *kite.warnings),
+        warnings=(*warnings, *kite.warnings, *_doubts(flight, kite)),
     )
+
+
+def _doubts(flight: FlightData, kite: EstimatedKite) -> Iterator[str]:
+    """Yield what of the numbers looks like a wrong unit, frame or sense in the column map."""
+    share = flight.counts.get("values_course_disagrees", 0) / max(len(flight), 1)
+    if share > DOUBTFUL_COURSES:
+        yield (
+            f"the recorded course disagrees with the velocity in {100 * share:.0f} % of the samples; check frame of "
+            "the velocity, zero and sense of the course in the column map"
+        )
+    for setting in kite.fit.samples:
+        lift, _ = kite.fit.coefficients(setting)
+        least, most = CREDIBLE_LIFTS[setting]
+        if not least < lift < most:
+            yield (
+                f"a {setting} lift coefficient of {lift:.3g} is not that of a kite; check units of force and speed in "
+                "the column map, and area and mass of the problem"
+            )
 
 
 def _division(
