@@ -22,6 +22,7 @@ from kiteocp.analysis.flights.kite import estimate_kite
 from kiteocp.analysis.flights.limits import WINDOW_S, flown_limits
 from kiteocp.analysis.flights.measured import measured_cycle, model_lengths, time_mean
 from kiteocp.analysis.flights.optimum import LEFT_OUT, largest
+from kiteocp.analysis.flights.predictions import Prediction
 from kiteocp.analysis.flights.prescribed import fly_law
 from kiteocp.analysis.flights.reasons import delay
 from kiteocp.analysis.flights.replay import WinchLaw, path_of, replay, winch_law
@@ -90,6 +91,21 @@ def test_the_law_of_a_phase_is_that_of_the_simulation() -> None:
         found = fly_law(phase, exact, values).summary()
         assert found["duration_s"] == pytest.approx(expected["duration_s"], rel=2e-4), name
         assert found["mean_power_W"] == pytest.approx(expected["mean_power_W"], rel=2e-3), name
+
+
+@pytest.mark.parametrize(
+    ("predicted", "error", "verdict"),
+    [
+        (109.0, 0.0, "close"),
+        (120.0, 12.0, "within"),
+        (120.0, 9.0, "differs"),
+        (120.0, 40.0, "unknown"),
+        (-5.0, 60.0, "unknown"),
+        (120.0, np.nan, "unknown"),
+    ],
+)
+def test_the_verdict_on_a_prediction(predicted: float, error: float, verdict: str) -> None:
+    assert Prediction(100.0, predicted, error).verdict == verdict
 
 
 def test_the_force_follows_from_velocity_alone() -> None:

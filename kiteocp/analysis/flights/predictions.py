@@ -20,6 +20,9 @@ LAWS = ("constant_force", "force_schedule", "speed_schedule", "winch_law")
 #: Half the width of a 95 % band, in standard errors.
 BAND_SIGMAS = 1.96
 
+#: A band whose half is this share of the prediction says nothing.
+WIDE = 0.5
+
 #: A prediction within this share of the measured value is close.
 CLOSE = 0.1
 
@@ -36,7 +39,8 @@ class Prediction:
         Of the prediction, from the errors of coefficients and wind to first order.
     verdict
         ``close`` within `CLOSE` of the measured value; ``within`` further off, but within the 95 % band of the
-        prediction; ``differs`` otherwise; ``unknown`` where the band cannot be told.
+        prediction; ``differs`` outside it; ``unknown`` inside a band half as wide as the prediction itself or wider,
+        or without a band.
     """
 
     measured: float
@@ -54,9 +58,10 @@ class Prediction:
         off = abs(self.predicted - self.measured)
         if off <= CLOSE * abs(self.measured):
             return "close"
-        if not np.isfinite(self.standard_error):
-            return "unknown"
-        return "within" if off <= BAND_SIGMAS * self.standard_error else "differs"
+        half = BAND_SIGMAS * self.standard_error
+        if off > half:
+            return "differs"
+        return "within" if half < WIDE * abs(self.predicted) else "unknown"
 
     def to_dict(self) -> dict[str, Any]:
         """Return the keys of the summary."""

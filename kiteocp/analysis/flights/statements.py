@@ -122,16 +122,17 @@ def _force(study: FlightStudy, *, agrees: bool) -> Iterator[str]:
 
 
 def _agreeing(found: list[Finding]) -> Iterator[str]:
-    close = [finding.words for finding in found if finding.verdicts <= {"close"}]
-    within = [finding.words for finding in found if finding.verdicts <= {"close", "within"} != finding.verdicts]
-    within = [words for words in within if words not in close]
+    close = [finding.words for finding in found if finding.verdicts == {"close"}]
+    within = [f.words for f in found if "within" in f.verdicts and f.verdicts <= {"close", "within"}]
+    unknown = [f.words for f in found if "unknown" in f.verdicts and "differs" not in f.verdicts]
     if close:
         yield f"Within 10 % in every cycle: {'; '.join(close)}."
     if within:
         yield (
-            "Further off, but inside the 95 % band that the errors of wind and coefficients leave, so that this flight "
-            f"cannot tell: {'; '.join(within)}."
+            f"Inside the 95 % band that the errors of wind and coefficients leave, in every cycle: {'; '.join(within)}."
         )
+    if unknown:
+        yield f"This flight cannot tell, as the band is as wide as the prediction: {'; '.join(unknown)}."
 
 
 def _differing(found: list[Finding]) -> Iterator[str]:

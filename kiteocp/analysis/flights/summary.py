@@ -37,7 +37,7 @@ SHOWN = {
 MARKS = {"close": "=", "within": "~", "differs": "!", "unknown": "?"}
 LEGEND = (
     "= within 10 % of the measured value; ~ further off, but inside the 95 % band of the prediction; ! outside; "
-    "? no band. The band is that of the errors of wind and coefficients, to first order."
+    "? inside a band too wide to tell. The band is that of the errors of wind and coefficients, to first order."
 )
 
 
