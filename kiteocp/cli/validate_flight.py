@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import io
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,6 +20,9 @@ if TYPE_CHECKING:
     from kiteocp.analysis.flights.study import FlightStudy
 
 REPORT = "report.html"
+
+#: What a page can show, by suffix.
+MEDIA_TYPES = {".png": "image/png", ".svg": "image/svg+xml"}
 
 #: Options that only a flight takes, by their names in the arguments.
 FLIGHT_OPTIONS = {"system": "--system", "columns": "--columns", "estimate_on": "--estimate-on", "overrides": "--set"}
@@ -112,13 +116,18 @@ def _draw(study: FlightStudy, directory: Path, formats: list[str], written: list
     with Progress("pictures drawn") as progress:
         drawings = figures(study)
         for done, (stem, draw) in enumerate(drawings.items(), start=1):
-            paths = save_figure(draw(), directory / stem, formats)
+            figure = draw()
+            paths = save_figure(figure, directory / stem, formats)
             written += paths
-            # The first format that a browser shows.
-            shown = next((path for path in paths if path.suffix in (".png", ".svg")), None)
+            # The first format that a browser shows; it does not show a PDF in a page.
+            shown = next((path for path in paths if path.suffix in MEDIA_TYPES), None)
             if shown is not None:
-                media_type = {".png": "image/png", ".svg": "image/svg+xml"}[shown.suffix]
-                pictures.append(Picture(stem, caption(stem), media_type, shown.read_bytes()))
+                suffix, content = shown.suffix, shown.read_bytes()
+            else:
+                stream = io.BytesIO()
+                figure.savefig(stream, format="svg", metadata={"Date": None})
+                suffix, content = ".svg", stream.getvalue()
+            pictures.append(Picture(stem, caption(stem), MEDIA_TYPES[suffix], content))
             progress(done, len(drawings))
     return pictures
 
