@@ -100,9 +100,11 @@ def interval_errors(program: NonlinearProgram, solution: Solution, cycle: Optima
         samples = _Samples.of(cycle, schedule)
         gained = _excess(program, solution, cycle, samples)
         keys = ["", *gained]
-        table = np.array([np.zeros(samples.phase.mesh.intervals), *gained.values()])
+        table = np.nan_to_num([np.zeros(samples.phase.mesh.intervals), *gained.values()])
+        gap = _gap(program, solution, cycle, samples)
         found[schedule.name] = IntervalErrors(
-            _gap(program, solution, cycle, samples),
+            # Where there is no steady state between the points, the interval is as bad as can be.
+            np.where(np.isfinite(gap), gap, np.inf),
             table.sum(axis=0),
             _kink(cycle, schedule),
             tuple(keys[index] for index in table.argmax(axis=0)),
@@ -180,7 +182,7 @@ def _gap(program: NonlinearProgram, solution: Solution, cycle: OptimalCycle, sam
             # The same at all points of an interval moves its end by as much.
             worth = solution.lam_g[rows].reshape(count, degree).sum(axis=1) / program.rows[int(rows[0])].scale
             gain = gain + worth * (flown[index] - np.diff(phase.values[name][::degree]))
-    return np.asarray(gain / abs(solution.f), dtype=np.float64)
+    return np.asarray(gain / _objective(solution), dtype=np.float64)
 
 
 def _excess(
@@ -207,7 +209,7 @@ def _excess(
         upwards = 1.0 if limit.side == "upper" else -1.0
         beyond = samples.by_interval(np.maximum(upwards * (quantity - limit.bound(values)), 0.0)).max(axis=-1)
         worth = np.maximum(upwards * multipliers[entries], 0.0).reshape(count, degree).sum(axis=1)
-        gained[limit.key] = worth * beyond / labels[int(entries[0])].scale / abs(solution.f)
+        gained[limit.key] = worth * beyond / labels[int(entries[0])].scale / _objective(solution)
     return gained
 
 
@@ -228,6 +230,11 @@ def _kink(cycle: OptimalCycle, schedule: Schedule) -> FloatArray:
         highest = np.maximum(highest, np.abs(coefficients) / ranges[variable.name])
     share = np.diff(phase.mesh.borders) * phase.duration / _cycle_time_s(cycle)
     return np.asarray(KINK_COST * highest * share, dtype=np.float64)
+
+
+def _objective(solution: Solution) -> float:
+    """Size of the objective, at least that of 1 W."""
+    return max(abs(solution.f), 1.0 / SCALES["power"])
 
 
 def _cycle_time_s(cycle: OptimalCycle) -> float:

@@ -148,8 +148,8 @@ def optimise(problem: Problem, *, certificate: Level = "full") -> Optimum:
     adaptations = 0
     for count in range(REFINEMENTS if certificate == "full" else 0):
         steps: list[MeshSolution] = []
-        # Where the first halving leaves little, the second one mends it; where it leaves much, no halving does.
-        if count > 1 or (count == 1 and _owed(meshes[-1].errors(values)) > certify.MESH_TOLERANCE):
+        # Halving takes away half of what a kink owes: a second time may do where twice the tolerance is left.
+        if count > 1 or (count == 1 and _owed(meshes[-1].errors(values)) > 2.0 * certify.MESH_TOLERANCE):
             if adaptations == ADAPTATIONS:
                 break
             adaptations += 1
