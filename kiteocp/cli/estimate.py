@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import json
 from typing import TYPE_CHECKING
 
-from kiteocp.cli.calculation import load, output_directory
-from kiteocp.cli.output import say
+from kiteocp.cli.calculation import conclude, load, output_directory
 from kiteocp.cli.parser import PICTURE_FORMATS, add_overrides, add_picture_format, positive_number
 from kiteocp.errors import InputError
 
@@ -80,16 +78,7 @@ def run(arguments: argparse.Namespace) -> int:
             (directory / f"{NAME}.{suffix}").unlink(missing_ok=True)
     write_atomically({directory / FILE: problem_yaml(estimation).encode()})
     written.append(directory / FILE)
-    say(json.dumps(result.summary(), indent=2, ensure_ascii=False) if arguments.json else format_estimates(result))
-    try:
-        if arguments.plot:
-            from kiteocp.plots.estimate import plot_estimate  # noqa: PLC0415  (matplotlib only for a picture)
-
-            written += plot_estimate(result, directory / NAME, arguments.formats or ("png",))
-    finally:
-        if not arguments.json:
-            say("written: " + ", ".join(str(path) for path in written))
-    return 0
+    return conclude(arguments, result, directory, written, format_estimates)
 
 
 def _estimated(arguments: argparse.Namespace, problem: Problem) -> Estimation:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,6 @@ from kiteocp.plots.style import (
     TITLE_SIZE,
     make_figure,
     phase_colour,
-    save_figure,
     style_axes,
 )
 from kiteocp.result import Result
@@ -57,33 +55,8 @@ _PANELS: tuple[tuple[str, str | None, tuple[tuple[str, str, str], ...]], ...] = 
 )
 
 
-def plot_estimate(result: Result, path: Path | None = None, formats: Sequence[str] = ("png",)) -> list[Path]:
-    """Draw a result of verb ``estimate`` over time, with the mean of each phase and its interval.
-
-    Parameters
-    ----------
-    result : Result
-        With ``details["estimates"]``.
-    path : pathlib.Path, optional
-        The file without its suffix; ``estimate`` in the working directory where left out.
-    formats : sequence of str
-        Of ``png``, ``svg``, ``pdf``.
-
-    Returns
-    -------
-    list of pathlib.Path
-        The files written.
-
-    Raises
-    ------
-    InputError
-        If a format is unknown or a file cannot be written.
-    """
-    return save_figure(compose_estimate(result), path or Path("estimate"), formats)
-
-
 def compose_estimate(result: Result) -> Figure:
-    """Return the figure of `plot_estimate`, to be changed or embedded."""
+    """Return a result of verb ``estimate`` over time, with the mean of each phase and its interval."""
     found = result.details["estimates"]
     figure = make_figure(12.5, 11.0)
     title = f"{found['flight']}: aerodynamics of {result.problem.name}"
