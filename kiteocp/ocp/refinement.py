@@ -292,6 +292,6 @@ def passed_limit(errors: Mapping[str, IntervalErrors], mesh: Mapping[str, PhaseM
         return None
     start, end = mesh[name].borders[index : index + 2]
     return (
-        f"the optimum passes {phase.limits[index]} between two points of the mesh, in the {name} at {100 * start:.3g} "
-        f"to {100 * end:.3g} % of its time, and what that gains depends on where the points are"
+        f"the optimum goes beyond {phase.limits[index]} between two points of the mesh, in the {name} at "
+        f"{100 * start:.3g} to {100 * end:.3g} % of its time, and what that gains depends on where the points are"
     )
