@@ -7,7 +7,7 @@ import contextlib
 from typing import TYPE_CHECKING
 
 from kiteocp.cli.calculation import conclude, load, output_directory
-from kiteocp.cli.parser import PICTURE_FORMATS, add_overrides, add_picture_format, positive_number
+from kiteocp.cli.parser import PICTURE_FORMATS, add_output, add_overrides, positive_number
 from kiteocp.errors import InputError
 
 if TYPE_CHECKING:
@@ -55,10 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="height of the wind sensor at the ground (default: that of the profile, 10 m at most)",
     )
     add_overrides(parser)
-    parser.add_argument("-o", "--output", metavar="DIR", help="where to write (default results/<problem>/estimate)")
-    parser.add_argument("--no-plot", dest="plot", action="store_false", help="write no picture")
-    add_picture_format(parser)
-    parser.add_argument("--json", action="store_true", help="print the summary as JSON instead of the tables")
+    add_output(parser)
 
 
 def run(arguments: argparse.Namespace) -> int:

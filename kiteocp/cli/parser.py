@@ -67,15 +67,15 @@ def add_overrides(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_picture_format(parser: argparse.ArgumentParser) -> None:
-    """Add ``--format``."""
+def add_picture_format(parser: argparse.ArgumentParser, default: str = "png") -> None:
+    """Add ``--format``; `default` is for the help."""
     parser.add_argument(
         "--format",
         dest="formats",
         action="append",
         type=picture_format,
         metavar="FORMAT",
-        help=f"format of the picture: {', '.join(PICTURE_FORMATS)} (repeatable; default png)",
+        help=f"format of the picture: {', '.join(PICTURE_FORMATS)} (repeatable; default {default})",
     )
 
 
@@ -83,7 +83,14 @@ def add_calculation(parser: argparse.ArgumentParser) -> None:
     """Add what every verb takes that computes a result from one problem."""
     parser.add_argument("problem", metavar="PROBLEM", help="name of a shipped problem, or path of a problem file")
     add_overrides(parser)
-    parser.add_argument("-o", "--output", metavar="DIR", help="where to write (default results/<problem>/<verb>)")
+    add_output(parser)
+
+
+def add_output(
+    parser: argparse.ArgumentParser, directory: str = "results/<problem>/<verb>", formats: str = "png"
+) -> None:
+    """Add where to write, what to draw and what to print; the defaults are for the help."""
+    parser.add_argument("-o", "--output", metavar="DIR", help=f"where to write (default {directory})")
     parser.add_argument("--no-plot", dest="plot", action="store_false", help="write no picture")
-    add_picture_format(parser)
+    add_picture_format(parser, formats)
     parser.add_argument("--json", action="store_true", help="print the summary as JSON instead of the table")

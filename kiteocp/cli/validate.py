@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kiteocp.cli.output import say
-from kiteocp.cli.parser import PICTURE_FORMATS, picture_format
+from kiteocp.cli.parser import PICTURE_FORMATS, add_output
 from kiteocp.cli.progress import Progress
 from kiteocp.cli.validate_flight import add_flight_arguments, check_no_flight, validate_recording
 
 if TYPE_CHECKING:
+    from kiteocp.analysis.validation.html_parts import Picture
     from kiteocp.analysis.validation.paper import PaperValidation
-    from kiteocp.analysis.validation.report import Picture
 
 NAME = "validate"
 HELP = "reproduce the paper's results beside its tables, or set a recorded flight against the model"
@@ -41,24 +41,7 @@ STEMS = (
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flight, if any, where to write and what to draw."""
     add_flight_arguments(parser)
-    parser.add_argument(
-        "-o",
-        "--output",
-        metavar="DIR",
-        help="where to write (default results/validation, with a flight results/validation/<flight>)",
-    )
-    parser.add_argument(
-        "--no-plot", dest="plot", action="store_false", help="write no pictures, and none in the report"
-    )
-    parser.add_argument(
-        "--format",
-        dest="formats",
-        action="append",
-        type=picture_format,
-        metavar="FORMAT",
-        help=f"format of the pictures: {', '.join(PICTURE_FORMATS)} (repeatable; default all, of a flight png)",
-    )
-    parser.add_argument("--json", action="store_true", help="print the summary as JSON instead of the tables")
+    add_output(parser, "results/validation, with a flight results/validation/<flight>", "all, of a flight png")
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -101,7 +84,7 @@ def _draw(
     study: PaperValidation, directory: Path, formats: tuple[str, ...] | list[str], written: list[Path]
 ) -> list[Picture]:
     """Draw and save every figure, add the files to ``written``, and return the figures for the report."""
-    from kiteocp.analysis.validation.report import Picture  # noqa: PLC0415
+    from kiteocp.analysis.validation.html_parts import Picture  # noqa: PLC0415
     from kiteocp.plots.style import save_figure  # noqa: PLC0415  (matplotlib only where a picture is wanted)
     from kiteocp.plots.validation import CAPTIONS, figures  # noqa: PLC0415
 

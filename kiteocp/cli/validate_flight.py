@@ -16,8 +16,8 @@ from kiteocp.cli.progress import Progress
 from kiteocp.errors import InputError
 
 if TYPE_CHECKING:
-    from kiteocp.analysis.flights.report import Picture
     from kiteocp.analysis.flights.study import FlightStudy
+    from kiteocp.analysis.validation.html_parts import Picture
 
 REPORT = "report.html"
 
@@ -108,7 +108,7 @@ def _numbers(text: str | None) -> list[int] | None:
 
 def _draw(study: FlightStudy, directory: Path, formats: list[str], written: list[Path]) -> list[Picture]:
     """Draw and save every figure, add the files to ``written``, and return the figures for the report."""
-    from kiteocp.analysis.flights.report import Picture  # noqa: PLC0415
+    from kiteocp.analysis.validation.html_parts import Picture  # noqa: PLC0415
     from kiteocp.plots.flights import caption, figures  # noqa: PLC0415  (matplotlib only where a picture is wanted)
     from kiteocp.plots.style import save_figure  # noqa: PLC0415
 

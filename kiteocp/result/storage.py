@@ -147,7 +147,7 @@ def load_result(directory: str | Path) -> Result:
     if version != SCHEMA_VERSION:
         raise InputError(f"{path}: schema_version is {version!r}, not {SCHEMA_VERSION}; run the calculation again")
     if "validation" in summary:
-        raise InputError(f"{path}: holds two problems, no single result; read it as JSON, or look at report.html beside it")
+        raise InputError(f"{path}: holds two problems, no single result; read the JSON, or report.html beside it")
     try:
         problem = problem_from_dict(summary["input"], str(path), sha256=summary["input_sha256"])
         prescribed = summary.get("prescribed")

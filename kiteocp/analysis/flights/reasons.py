@@ -143,9 +143,9 @@ def _why_course(study: FlightStudy) -> Iterator[str]:
             taken = _inertia(study)
             if taken is not None:
                 line += (
-                    f": flying down {100 * taken[0]:.0f} % of the kite's weight along its course went into "
-                    f"acceleration, flying up {100 * taken[1]:.0f} % came out of it, and a quasi-steady model has no "
-                    "inertia"
+                    "; inertia, which a quasi-steady model leaves out, may be a part of that: flying down "
+                    f"{100 * taken[0]:.0f} % of the kite's weight along its course went into acceleration, flying up "
+                    f"{100 * taken[1]:.0f} % came out of it"
                 )
             yield f"{line}."
 
@@ -163,8 +163,8 @@ def _why_late(study: FlightStudy) -> Iterator[str]:
     if late >= LATE_S and best - at_once > LATE_GAIN:
         yield (
             f"The flown force of the traction follows the model's at the flown reeling speed {late:.1f} s later "
-            f"(correlation {best:.2f}, against {at_once:.2f} at once): a quasi-steady kite has the speed of its "
-            "equilibrium at every instant, a real one needs time to get there."
+            f"(correlation {best:.2f}, against {at_once:.2f} at once), as it would if the kite needed time to reach "
+            "the speed of its equilibrium, which a quasi-steady one has at every instant."
         )
 
 

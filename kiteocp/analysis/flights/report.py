@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import base64
-import importlib.metadata
 from collections.abc import Sequence
-from dataclasses import dataclass
 
+import kiteocp
 from kiteocp.analysis.flights.data import FLIGHT_PHASES
 from kiteocp.analysis.flights.predictions import BAND_SIGMAS, LAWS, Prediction
 from kiteocp.analysis.flights.reasons import QUANTITY_WORDS
 from kiteocp.analysis.flights.statements import statements
 from kiteocp.analysis.flights.study import FlightStudy
 from kiteocp.analysis.flights.summary import HEADS, LEGEND, MARKS, SHOWN
-from kiteocp.analysis.validation.html_parts import STYLE, bullets, paragraph, section, table
+from kiteocp.analysis.validation.html_parts import Picture, bullets, figures, page, paragraph, section, table
 
 _METHOD = (
     "The wind of the estimation cycles is the one that explains the airspeed, whose sensor is gauged along with it. In "
@@ -36,16 +34,6 @@ _METHOD = (
 )
 
 
-@dataclass(frozen=True)
-class Picture:
-    """A figure of the report: file stem, caption, media type and content."""
-
-    stem: str
-    caption: str
-    media_type: str
-    content: bytes
-
-
 def report_html(study: FlightStudy, pictures: Sequence[Picture] = ()) -> str:
     """Return the report.
 
@@ -57,29 +45,18 @@ def report_html(study: FlightStudy, pictures: Sequence[Picture] = ()) -> str:
         The figures, in their order.
     """
     title = f"{study.flight.name} beside the quasi-steady model of {study.problem.name}"
-    version = importlib.metadata.version("kiteocp")
-    said = statements(study)
-    drawn = "".join(_figure(number, picture) for number, picture in enumerate(pictures, start=1))
+    said, cycles = statements(study), ", ".join(map(str, study.flight.cycles()))
     body = [
-        f"<h1>{_escaped(title)}</h1>",
-        paragraph(
-            f"{len(study.flight)} samples, cycles {', '.join(map(str, study.flight.cycles()))}. kiteocp {version}."
-        ),
+        paragraph(f"{len(study.flight)} samples, cycles {cycles}. kiteocp {kiteocp.__version__}."),
         section("The optimum", bullets(said["the optimum"]) + _optimum(study)),
         *(section(topic[0].upper() + topic[1:], bullets(said[topic])) for topic in list(said)[:-1]),
         *(section(f"Cycle {cycle.measured.number}", _cycle(study, index)) for index, cycle in enumerate(study.cycles)),
         section("How it is done", bullets(_METHOD) + paragraph(LEGEND, "small")),
-        section("Figures", drawn or paragraph("Drawn without pictures (--no-plot).")),
+        figures(pictures),
     ]
     if study.warnings:
-        body.insert(2, section("Warnings", bullets(study.warnings)))
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{_escaped(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n"
-        + "\n".join(body)
-        + "\n</body>\n</html>\n"
-    )
+        body.insert(1, section("Warnings", bullets(study.warnings)))
+    return page(title, body)
 
 
 def _cycle(study: FlightStudy, index: int) -> str:
@@ -124,14 +101,3 @@ def _optimum(study: FlightStudy) -> str:
     return table(["from flown to optimal", "kW"], rows, numeric_from=1) + table(
         ["limit it flew with", "value"], limits, numeric_from=1
     )
-
-
-def _figure(number: int, picture: Picture) -> str:
-    data = base64.b64encode(picture.content).decode("ascii")
-    source = f"data:{picture.media_type};base64,{data}"
-    text = paragraph(f"Figure {number}. {picture.caption}", "caption")
-    return f'<figure id="{picture.stem}"><img alt="{picture.stem.replace("_", " ")}" src="{source}">{text}</figure>'
-
-
-def _escaped(text: str) -> str:
-    return paragraph(text).removeprefix("<p>").removesuffix("</p>")

@@ -1,8 +1,10 @@
-"""Pieces of an HTML page: paragraphs, lists, tables, and a style that also prints."""
+"""Pieces of a self-contained HTML page: paragraphs, lists, tables, figures, and a style that also prints."""
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Sequence
+from dataclasses import dataclass
 from html import escape
 
 #: System fonts and few colours; what a colour says stands in the table as a word too.
@@ -34,6 +36,41 @@ p.caption { text-align: left; margin: .3rem auto; max-width: 48rem; }
   td { print-color-adjust: exact; -webkit-print-color-adjust: exact; }
 }
 """
+
+
+@dataclass(frozen=True)
+class Picture:
+    """A figure of the report: file stem, caption, media type and content."""
+
+    stem: str
+    caption: str
+    media_type: str
+    content: bytes
+
+
+def page(title: str, body: Sequence[str]) -> str:
+    """Return a page whose heading is its title."""
+    return (
+        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<h1>{escape(title)}</h1>\n"
+        + "\n".join(body)
+        + "\n</body>\n</html>\n"
+    )
+
+
+def figures(pictures: Sequence[Picture]) -> str:
+    """Return the section of the figures, numbered, or the sentence that there are none."""
+    drawn = "".join(_figure(number, picture) for number, picture in enumerate(pictures, start=1))
+    return section("Figures", drawn or paragraph("Drawn without pictures (--no-plot)."))
+
+
+def _figure(number: int, picture: Picture) -> str:
+    data = base64.b64encode(picture.content).decode("ascii")
+    caption = paragraph(f"Figure {number}. {picture.caption}", "caption")
+    # An image of its own, so that the names inside one drawing do not meet those of another.
+    source = f"data:{picture.media_type};base64,{data}"
+    return f'<figure id="{picture.stem}"><img alt="{picture.stem.replace("_", " ")}" src="{source}">{caption}</figure>'
 
 
 def paragraph(text: str, kind: str = "") -> str:

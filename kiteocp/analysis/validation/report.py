@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
 from statistics import fmean
 
 import kiteocp
-from kiteocp.analysis.validation.html_parts import STYLE, bullets, paragraph, section, table
+from kiteocp.analysis.validation.html_parts import Picture, bullets, figures, page, paragraph, section, table
 from kiteocp.analysis.validation.paper import PaperValidation
 from kiteocp.analysis.validation.published import CASES, NOMINAL_KEYS, half_units, printed_inputs
 from kiteocp.analysis.validation.rounding import RETRACTION_FORCE
@@ -41,16 +39,6 @@ _BAND = (
 )
 
 
-@dataclass(frozen=True)
-class Picture:
-    """A figure of the report: file stem, caption, media type and content."""
-
-    stem: str
-    caption: str
-    media_type: str
-    content: bytes
-
-
 def report_html(study: PaperValidation, pictures: Sequence[Picture] = ()) -> str:
     """Return the report.
 
@@ -63,9 +51,7 @@ def report_html(study: PaperValidation, pictures: Sequence[Picture] = ()) -> str
     """
     version = kiteocp.__version__
     said = study.statements()
-    drawn = "".join(_figure(number, picture) for number, picture in enumerate(pictures, start=1))
     body = [
-        f"<h1>{TITLE}</h1>",
         paragraph(_INTRODUCTION),
         paragraph(f"Paper: {_SOURCE}. Computed by kiteocp {version}.", "small"),
         section("In short", bullets(said.pop("In short")) + _overview(study)),
@@ -75,13 +61,9 @@ def report_html(study: PaperValidation, pictures: Sequence[Picture] = ()) -> str
         section("The conclusions of the paper, one by one", _claims(study)),
         section("Convergence of the finite-difference scheme", _convergence(study)),
         section("Consistency of the published numbers", _consistency(study)),
-        section("Figures", drawn or paragraph("Drawn without pictures (--no-plot).")),
+        figures(pictures),
     ]
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{TITLE}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n" + "\n".join(body) + "\n</body>\n</html>\n"
-    )
+    return page(TITLE, body)
 
 
 def _overview(study: PaperValidation) -> str:
@@ -245,14 +227,6 @@ def _consistency(study: PaperValidation) -> str:
     return table(["case", "printed result of the inputs", "here", "printed", "agrees"], checks, numeric_from=2) + table(
         head, columns, numeric_from=2
     )
-
-
-def _figure(number: int, picture: Picture) -> str:
-    data = base64.b64encode(picture.content).decode("ascii")
-    caption = paragraph(f"Figure {number}. {picture.caption}", "caption")
-    # An image of its own, so that the names inside one drawing do not meet those of another.
-    source = f"data:{picture.media_type};base64,{data}"
-    return f'<figure id="{picture.stem}"><img alt="{picture.stem.replace("_", " ")}" src="{source}">{caption}</figure>'
 
 
 def _three(row: Row) -> tuple[float, float, float]:
