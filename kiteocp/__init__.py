@@ -16,7 +16,12 @@ if TYPE_CHECKING:
     from kiteocp import errors as errors
     from kiteocp.analysis.crosswind import crosswind as crosswind
     from kiteocp.analysis.crosswind import representative_course as representative_course
+    from kiteocp.analysis.estimation.study import estimate as estimate
+    from kiteocp.analysis.flights import FlightData as FlightData
+    from kiteocp.analysis.flights import load_flight as load_flight
+    from kiteocp.analysis.flights.study import validate_flight as validate_flight
     from kiteocp.analysis.sensitivity import sensitivities as sensitivities
+    from kiteocp.analysis.validation.paper import validate_paper as validate_paper
     from kiteocp.analysis.winch import export_schedule as export_schedule
     from kiteocp.cycle import simulate as simulate
     from kiteocp.cycle.batch import BatchResult as BatchResult
@@ -40,6 +45,7 @@ __version__ = "0.1.0"
 _HOMES: dict[str, str] = {
     "BatchResult": "kiteocp.cycle.batch",
     "CycleError": "kiteocp.errors",
+    "FlightData": "kiteocp.analysis.flights",
     "InputError": "kiteocp.errors",
     "KiteocpError": "kiteocp.errors",
     "NoEquilibriumError": "kiteocp.errors",
@@ -47,8 +53,10 @@ _HOMES: dict[str, str] = {
     "Result": "kiteocp.result",
     "SolveError": "kiteocp.errors",
     "crosswind": "kiteocp.analysis.crosswind",
+    "estimate": "kiteocp.analysis.estimation.study",
     "export_schedule": "kiteocp.analysis.winch",
     "flight_state": "kiteocp.physics.flight",
+    "load_flight": "kiteocp.analysis.flights",
     "load_problem": "kiteocp.problem",
     "load_result": "kiteocp.result",
     "representative_course": "kiteocp.analysis.crosswind",
@@ -57,11 +65,14 @@ _HOMES: dict[str, str] = {
     "simulate": "kiteocp.cycle",
     "simulate_batch": "kiteocp.cycle.batch",
     "solve": "kiteocp.ocp",
+    "validate_flight": "kiteocp.analysis.flights.study",
+    "validate_paper": "kiteocp.analysis.validation.paper",
 }
 
 __all__ = [
     "BatchResult",
     "CycleError",
+    "FlightData",
     "InputError",
     "KiteocpError",
     "NoEquilibriumError",
@@ -71,8 +82,10 @@ __all__ = [
     "__version__",
     "crosswind",
     "errors",
+    "estimate",
     "export_schedule",
     "flight_state",
+    "load_flight",
     "load_problem",
     "load_result",
     "representative_course",
@@ -81,6 +94,8 @@ __all__ = [
     "simulate",
     "simulate_batch",
     "solve",
+    "validate_flight",
+    "validate_paper",
 ]
 
 
