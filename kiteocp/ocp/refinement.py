@@ -166,7 +166,7 @@ class _Samples:
 
 
 def _gap(program: NonlinearProgram, solution: Solution, cycle: OptimalCycle, samples: _Samples) -> FloatArray:
-    """Return what flight and work between the points are worth that the points do not know of."""
+    """Return what flight and work between the points are worth that the points do not know of; work as mechanical."""
     phase, schedule, values = samples.phase, samples.schedule, cycle.values
     count, degree = phase.mesh.intervals, phase.mesh.degree
     rates = schedule_functions(values.structure, schedule.name, schedule.quantities).rates
