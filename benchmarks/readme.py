@@ -44,6 +44,8 @@ _MASKS = (
     (re.compile(r"\bin \d+(?:\.\d+)? m?s\b"), "in # s"),
     (re.compile(r"\d(?:\.\d+)?e-\d+"), "#"),
 )
+#: What a slow run tells while it goes on.
+_PROGRESS = re.compile(r"^\d+ of \d+ .*, about \d+ s left\n", re.MULTILINE)
 
 
 @dataclass(frozen=True)
@@ -110,7 +112,7 @@ def output_of(example: Example, directory: Path) -> str:
         text=True,
         check=False,
     )
-    return done.stdout
+    return _PROGRESS.sub("", done.stdout)
 
 
 def masked(output: str) -> str:
