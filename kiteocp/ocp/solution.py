@@ -61,13 +61,18 @@ class MeshSolution:
         adapted = self.formulation.interval_fractions is not None
         return f"{self.formulation.intervals}{' adapted' if adapted else ''}"
 
+    @property
+    def shortest_interval_s(self) -> float:
+        """Length of the shortest interval."""
+        phases = self.solver.program.unpack(self.solution.x, self.solution.p).phases.values()
+        return float(min(phase.duration * min(phase.mesh.interval_fractions) for phase in phases))
+
     def to_dict(self) -> dict[str, Any]:
         """Return the mesh as plain values for the summary."""
-        phases = self.solver.program.unpack(self.solution.x, self.solution.p).phases.values()
         return {
             "intervals": self.name,
             "points": self.formulation.points,
-            "shortest_interval_s": float(min(phase.duration * min(phase.mesh.interval_fractions) for phase in phases)),
+            "shortest_interval_s": self.shortest_interval_s,
             "mean_power_W": self.mean_power_W,
         }
 
@@ -237,5 +242,10 @@ def _mesh_check(meshes: Sequence[MeshSolution], values: ParameterValues) -> Chec
     if not meshes[-1].halved:
         return certify.mesh_check([], [])
     check = certify.mesh_check([mesh.mean_power_W for mesh in meshes[-2:]], [mesh.name for mesh in meshes[-2:]])
-    remark = None if check.passed else passed_limit(meshes[-1].errors(values), meshes[-1].formulation.mesh)
-    return replace(check, text=f"{check.text}; {remark}") if remark else check
+    text = check.text
+    if meshes[-1].formulation.interval_fractions is not None:
+        text += f", its shortest interval {meshes[-1].shortest_interval_s:.2g} s"
+    if not check.passed:
+        remark = passed_limit(meshes[-1].errors(values), meshes[-1].formulation.mesh)
+        text += f"; {remark}" if remark else ""
+    return replace(check, text=text)
