@@ -28,14 +28,13 @@ import numpy as np
 from numpy.polynomial import legendre
 
 from kiteocp.cycle.phases import PHASE_CHANGES
-from kiteocp.cycle.schedule import Schedule, outputs_on_schedule, schedule_functions
+from kiteocp.cycle.schedule import Schedule, schedule_functions
 from kiteocp.ocp.collocation import FloatArray, PhaseMesh, radau_points, radau_weights
 from kiteocp.ocp.limits import SCALES, path_limits
 from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.nlpsolver import Solution
 from kiteocp.ocp.optimum import OptimalCycle
 from kiteocp.ocp.trajectory import PhaseTrajectory
-from kiteocp.physics.equilibrium import OUTPUTS
 
 #: Samples of an interval: Gauss points between its ends, exact far beyond the degrees in use.
 SAMPLES = 12
@@ -191,23 +190,22 @@ def _excess(
     """Return what is gained by passing limits where there is no point, by the key of the limit."""
     schedule, values = samples.schedule, cycle.values
     count, degree = samples.phase.mesh.intervals, samples.phase.mesh.degree
-    outputs = outputs_on_schedule(values, schedule, samples.times_s, samples.tether_length_m, samples.elevation_rad)
-    places = {"tether_length": samples.tether_length_m, "elevation": samples.elevation_rad}
+    # As the program sees it: a winch that cuts the force off at its limits, as the re-simulated one, would hide them.
+    sampled = samples.phase.evaluate(np.clip(samples.times_s / samples.phase.duration, 0.0, 1.0))
     gained = {}
     for limit in path_limits(values.structure):
-        if limit.quantity in places:
+        if limit.quantity in ("tether_length", "elevation"):
             multipliers, labels = solution.lam_x, program.variables
             entries = program.find_variables(phase=schedule.name, kind="state", name=limit.quantity)[1:]
-            quantity = places[limit.quantity]
         else:
             multipliers, labels = solution.lam_g, program.rows
             entries = program.find_rows(phase=schedule.name, kind="path", name=limit.quantity)
-            quantity = outputs[OUTPUTS.index(limit.quantity)]
         # An elevation that is one number for the phase has no points to pass between.
         if schedule.name not in limit.phases or entries.size == 0:
             continue
         upwards = 1.0 if limit.side == "upper" else -1.0
-        beyond = samples.by_interval(np.maximum(upwards * (quantity - limit.bound(values)), 0.0)).max(axis=-1)
+        past = np.maximum(upwards * (sampled[limit.quantity] - limit.bound(values)), 0.0)
+        beyond = samples.by_interval(past).max(axis=-1)
         worth = np.maximum(upwards * multipliers[entries], 0.0).reshape(count, degree).sum(axis=1)
         gained[limit.key] = worth * beyond / labels[int(entries[0])].scale / _objective(solution)
     return gained

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -25,6 +25,9 @@ Options = tuple[tuple[str, Any], ...]
 #: Times that the full certificate halves a mesh at most, and the collocation points that it goes up to.
 REFINEMENTS = 4
 MOST_POINTS = 500
+
+#: A mesh of so many points is halved a second time before it is adapted: that takes less time than to adapt it.
+CHEAP_POINTS = 60
 
 #: Times that it adapts the mesh before it halves it again, and the steps that it does so in.
 ADAPTATIONS = 2
@@ -153,8 +156,7 @@ def optimise(problem: Problem, *, certificate: Level = "full") -> Optimum:
     adaptations = 0
     for count in range(REFINEMENTS if certificate == "full" else 0):
         steps: list[MeshSolution] = []
-        # Halving takes away half of what a kink owes: a second time may do where twice the tolerance is left.
-        if count > 1 or (count == 1 and _owed(meshes[-1].errors(values)) > 2.0 * certify.MESH_TOLERANCE):
+        if count > 1 or (count == 1 and _better_adapted(meshes[-1], values)):
             if adaptations == ADAPTATIONS:
                 break
             adaptations += 1
@@ -171,9 +173,12 @@ def optimise(problem: Problem, *, certificate: Level = "full") -> Optimum:
     return optimum or _judged(problem, values, attempts, meshes, certificate)
 
 
-def _owed(errors: Mapping[str, IntervalErrors]) -> float:
-    """Share of the power that all intervals owe to their length, as far as it can be estimated."""
-    return float(sum(np.sum(np.abs(phase.gap) + phase.excess) for phase in errors.values()))
+def _better_adapted(mesh: MeshSolution, values: ParameterValues) -> bool:
+    """Whether a second halving is dear and will not do: it takes away half of what a kink owes."""
+    if mesh.formulation.points <= CHEAP_POINTS:
+        return False
+    owed = sum(np.sum(np.abs(phase.gap) + phase.excess) for phase in mesh.errors(values).values())
+    return bool(owed > 2.0 * certify.MESH_TOLERANCE)
 
 
 def _adapted(start: MeshSolution, values: ParameterValues, options: Options) -> list[MeshSolution]:

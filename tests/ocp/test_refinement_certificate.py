@@ -48,8 +48,8 @@ def test_an_adapted_mesh_needs_fewer_points_than_one_of_equal_intervals(adapted:
     # What is left of both errors is of first order in the first interval: the limit that the halved meshes tend to.
     coarse, fine = (mesh["mean_power_W"] for mesh in halved.facts["meshes"][-2:])
     limit = 2 * fine - coarse
-    assert abs(adapted.mean_power_W - limit) < 0.5 * abs(halved.mean_power_W - limit)
-    assert 2 * adapted.facts["meshes"][-1]["points"] < halved.facts["meshes"][-1]["points"]
+    assert abs(adapted.mean_power_W - limit) < 0.4 * abs(halved.mean_power_W - limit)
+    assert adapted.facts["meshes"][-1]["points"] < 0.75 * halved.facts["meshes"][-1]["points"]
 
 
 def test_the_summary_says_what_the_meshes_are(adapted: Optimum) -> None:
@@ -62,7 +62,9 @@ def test_the_summary_says_what_the_meshes_are(adapted: Optimum) -> None:
     assert last["shortest_interval_s"] == pytest.approx(shortest, rel=1e-9)
     assert last["mean_power_W"] == adapted.mean_power_W
     [check] = [check for check in adapted.certificate.checks if check.name == "mesh"]
-    assert f"from mesh {before['intervals']} to {last['intervals']}, its shortest interval 0.02" in check.text
+    assert (
+        f"from mesh {before['intervals']} to {last['intervals']}, its shortest interval {shortest:.2g} s" in check.text
+    )
     assert check.value == pytest.approx(abs(before["mean_power_W"] / last["mean_power_W"] - 1.0), rel=1e-3)
 
 
@@ -145,6 +147,13 @@ def test_a_draw_with_a_jump_of_force_in_the_transition_is_certified() -> None:
 
 
 @pytest.mark.slow
+def test_a_draw_whose_transition_starts_below_the_least_force_is_certified() -> None:
+    """The re-simulated winch would cut that off: only the force that the program sees tells."""
+    optimum = optimise(draw("moderate-wind draw 351"))
+    assert optimum.certificate.status == "certified", optimum.certificate.message
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "choice"),
     [
@@ -170,4 +179,4 @@ def test_an_optimum_that_slips_through_a_limit_between_points_is_not_certified_a
     assert check.name == "mesh"
     assert check.value is not None
     assert check.value > MESH_TOLERANCE
-    assert "the optimum goes beyond limits.generator_power_max_W between two points of the mesh" in check.text
+    assert "between two points of the mesh, in the traction" in check.text
