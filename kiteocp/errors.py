@@ -115,9 +115,7 @@ class CycleError(_CalculationError):
         That of the `NoEquilibriumError` behind it, or ``force_too_high``, ``endless``, ``domain``.
     """
 
-    def __init__(
-        self, phase: str, cause: str, facts: Mapping[str, float] | None = None, *, reason: str = ""
-    ) -> None:
+    def __init__(self, phase: str, cause: str, facts: Mapping[str, float] | None = None, *, reason: str = "") -> None:
         super().__init__(cause, facts, reason=reason)
         self.phase = phase
         self.sentence: str | None = None

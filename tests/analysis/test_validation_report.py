@@ -15,9 +15,9 @@ from kiteocp.analysis.validation import convergence, paper
 from kiteocp.analysis.validation.claims import check_claims
 from kiteocp.analysis.validation.convergence import convergence_study
 from kiteocp.analysis.validation.gravity_isolines import mass_isolines
+from kiteocp.analysis.validation.html_parts import Picture
 from kiteocp.analysis.validation.paper import PaperValidation, validate_paper
 from kiteocp.analysis.validation.published import CASES
-from kiteocp.analysis.validation.html_parts import Picture
 from kiteocp.analysis.validation.report import report_html
 from kiteocp.analysis.validation.tables import Comparison
 from kiteocp.analysis.validation.text import WIDTH, format_validation

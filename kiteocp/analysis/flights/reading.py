@@ -16,11 +16,11 @@ from kiteocp.analysis.flights.columns import (
     Azimuth,
     CartesianPosition,
     ColumnMap,
-    Course,
     load_columns,
     shipped_columns,
 )
 from kiteocp.analysis.flights.data import FlightData
+from kiteocp.analysis.flights.frames import model_course, spherical_velocity
 from kiteocp.analysis.flights.recording import read_table
 from kiteocp.errors import InputError
 
@@ -255,16 +255,7 @@ class _Reader:
         if block.frame == "spherical":
             return first, second, third
         north, east, up = (first, second, -third) if block.frame == "NED" else (second, first, third)
-        # The wind reference frame: x downwind, y to the left of it, z up.
-        bearing = np.radians(bearing0)
-        downwind = north * np.cos(bearing) + east * np.sin(bearing)
-        left = north * np.sin(bearing) - east * np.cos(bearing)
-        beta, phi = np.radians(elevation), np.radians(azimuth)
-        outwards = downwind * np.cos(phi) + left * np.sin(phi)
-        radial = outwards * np.cos(beta) + up * np.sin(beta)
-        polar = outwards * np.sin(beta) - up * np.cos(beta)
-        azimuthal = left * np.cos(phi) - downwind * np.sin(phi)
-        return radial, polar, azimuthal
+        return spherical_velocity((north, east, up), elevation, azimuth, bearing0)
 
     def _course(self, polar: FloatArray, azimuthal: FloatArray) -> FloatArray:
         """Return the course of the velocity, and count where the recorded one disagrees.
@@ -274,7 +265,7 @@ class _Reader:
         course: FloatArray = np.degrees(np.arctan2(azimuthal, polar)) % 360.0
         block = self.layout.course
         if block is not None:
-            recorded = _course_of(block, self._column(block.column, block.unit))
+            recorded = model_course(block, self._column(block.column, block.unit))
             moving = np.hypot(polar, azimuthal) > COURSE_SPEED_M_S
             off = np.abs(wrapped(recorded - course)) > COURSE_DISAGREES_DEG
             self.counts["values_course_disagrees"] += int((off & moving).sum())
@@ -312,10 +303,3 @@ class _Reader:
                     file=self.label,
                     key=quantity,
                 )
-
-
-def _course_of(block: Course, recorded_deg: FloatArray) -> FloatArray:
-    """Return the model's course (0 down, 90 to the left as seen from the ground station, 180 up) of a recorded one."""
-    if block.zero == "up":
-        return 180.0 - recorded_deg if block.sense == "counter-clockwise" else 180.0 + recorded_deg
-    return recorded_deg if block.sense == "clockwise" else -recorded_deg

@@ -1,0 +1,45 @@
+"""From the frames of a recording to the model's: velocities in spherical components, courses from straight down."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from kiteocp.analysis.flights.cleaning import FloatArray
+from kiteocp.analysis.flights.columns import Course
+
+
+def spherical_velocity(
+    velocity: tuple[FloatArray, FloatArray, FloatArray],
+    elevation_deg: FloatArray,
+    azimuth_deg: FloatArray,
+    bearing0: float,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return radial, polar (towards the ground) and azimuthal velocity of a velocity to north, east and up, in m/s.
+
+    Parameters
+    ----------
+    velocity
+        To north, to east and upwards, m/s, each of shape (n,).
+    elevation_deg, azimuth_deg
+        Of the kite, in the conventions of the model.
+    bearing0
+        Bearing of azimuth zero, that is of downwind, deg clockwise from north.
+    """
+    north, east, up = velocity
+    # The wind reference frame: x downwind, y to the left of it, z up.
+    bearing = np.radians(bearing0)
+    downwind = north * np.cos(bearing) + east * np.sin(bearing)
+    left = north * np.sin(bearing) - east * np.cos(bearing)
+    beta, phi = np.radians(elevation_deg), np.radians(azimuth_deg)
+    outwards = downwind * np.cos(phi) + left * np.sin(phi)
+    radial = outwards * np.cos(beta) + up * np.sin(beta)
+    polar = outwards * np.sin(beta) - up * np.cos(beta)
+    azimuthal = left * np.cos(phi) - downwind * np.sin(phi)
+    return radial, polar, azimuthal
+
+
+def model_course(block: Course, recorded_deg: FloatArray) -> FloatArray:
+    """Return the model's course (0 down, 90 to the left as seen from the ground station, 180 up) of a recorded one."""
+    if block.zero == "up":
+        return 180.0 - recorded_deg if block.sense == "counter-clockwise" else 180.0 + recorded_deg
+    return recorded_deg if block.sense == "clockwise" else -recorded_deg
