@@ -9,6 +9,7 @@ from benchmarks.caches import clear_caches
 from benchmarks.timing import Line, time_call
 from kiteocp.ocp.formulation import Formulation
 from kiteocp.ocp.search import cycle_solver, solver_options
+from kiteocp.ocp.solution import optimise
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem
 
@@ -36,10 +37,24 @@ def _problem_lines(name: str, repeats: int) -> list[Line]:
     return [
         build,
         Line(group, "solver, one start", tuple(one_start), target=SOLVER_TARGET_S),
+        Line(group, "solver, warm, from 1 % less wind", _warm_times(problem, repeats), relative_to="solver, one start"),
         Line(group, "solver, all starts", tuple(starts), relative_to="solver, one start"),
         Line(group, "solve, quick certificate", tuple(quick), relative_to="solver, one start"),
         Line(group, "solve, full certificate", tuple(full), relative_to="solver, one start"),
     ]
+
+
+def _warm_times(problem: Problem, repeats: int) -> tuple[float, ...]:
+    """Time of the solver from the optimum of a neighbour, as in sweeps, s."""
+    key = "environment.wind.reference_speed_m_s"
+    values = parameter_values(problem)
+    neighbour = optimise(problem.with_values({key: 0.99 * values[key]}), certificate="quick")
+    times = []
+    for _ in range(repeats + 1):
+        solution = neighbour.solver.solve(neighbour.solution.x, values.vector, warm=neighbour.solution)
+        times.append(solution.time_s)
+    # The first call builds the solver.
+    return tuple(times[1:])
 
 
 def _build_time(problem: Problem) -> float:

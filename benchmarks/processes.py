@@ -20,18 +20,30 @@ COMMANDS = {
     "kiteocp solve strong-wind --no-plot": (*KITEOCP, "solve", "strong-wind", "--no-plot"),
     "kiteocp solve strong-wind": (*KITEOCP, "solve", "strong-wind"),
 }
+STUDIES = {
+    **{
+        f"kiteocp sensitivity {name} {options}".strip(): (*KITEOCP, "sensitivity", name, *options.split())
+        for name in ("strong-wind", "moderate-wind", "v3-kite")
+        for options in ("--no-plot --no-intervals", "")
+    },
+    "kiteocp crosswind strong-wind": (*KITEOCP, "crosswind", "strong-wind"),
+    "kiteocp validate": (*KITEOCP, "validate"),
+}
 TARGETS_S = {
     "kiteocp --help": 0.3,
     "kiteocp solve strong-wind --no-plot --certificate quick": 0.3,
     "kiteocp solve strong-wind": 1.5,
+    **{name: 1.0 if "--no-intervals" in name else 5.0 for name in STUDIES if "sensitivity" in name},
+    "kiteocp validate": 20.0,
 }
 IMPORTS = ("kiteocp", "kiteocp.cli.main", "numpy", "casadi", "kiteocp.ocp", "kiteocp.plots")
 IN_MEMORY = ("python -c pass", "kiteocp simulate strong-wind --no-plot", "kiteocp solve strong-wind")
 
 
 def lines(repeats: int) -> list[Line]:
-    """Measure the commands of the shipped problem strong-wind."""
-    times = time_processes(COMMANDS, repeats)
+    """Measure the commands of the shipped problem strong-wind, and studies of all that have a target."""
+    # A study takes seconds, and as many repeats of it tell little more.
+    times = time_processes(COMMANDS, repeats) | time_processes(STUDIES, min(repeats, 3))
     return [Line("whole process", name, values, target=TARGETS_S.get(name)) for name, values in times.items()]
 
 
