@@ -13,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from kiteocp.ocp.collocation import FloatArray
-from kiteocp.ocp.first_order import FirstOrderSystem
+from kiteocp.ocp.first_order import FirstOrderSystem, dense
 from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.nlpsolver import Solution
 from kiteocp.ocp.sharp import ActiveSet, ActiveSetError, Derivatives, SharpSolution
 
-#: Newton's method takes its last step here, in the scaled units of the program; rounding leaves about 1e-13.
-SHARP = 1e-9
+#: Newton's method takes its last step below the first, in the scaled units of the program, and none below the second:
+#: rounding leaves about 1e-13.
+SHARP, EXACT = 1e-9, 1e-12
 NEWTON_STEPS = 12
 
 #: A bound is active where its multiplier exceeds its slack, both scaled; where the two are within this factor of each
@@ -69,7 +70,7 @@ class ActiveSetMethod:
 
         Equalities come first, then bounds by multiplier; one that adds nothing to those before it is implied.
         """
-        jacobian = self._system.newton(solution.x, solution.p, solution.lam_g)[4].full()
+        jacobian = dense(self._system.newton(solution.x, solution.p, solution.lam_g)[4])
         rows = np.vstack((np.eye(self.nx), jacobian))
         lower, upper = self._system.sides(solution.p)
         own = np.flatnonzero(active)
@@ -109,9 +110,10 @@ class ActiveSetMethod:
             size = float(np.max(np.abs(residual)))
             if not np.isfinite(size):
                 raise ActiveSetError("the model has no value on the way")
-            step = self._system.solve(hessian, rows, own, -residual[:, None])[:, 0]
-            x = x + step[: self.nx]
-            multipliers[own] += step[self.nx :]
+            if size > EXACT:
+                step = self._system.solve(hessian, rows, own, -residual[:, None])[:, 0]
+                x = x + step[: self.nx]
+                multipliers[own] += step[self.nx :]
             if size <= SHARP:
                 lam_x, lam_g = multipliers[: self.nx].copy(), multipliers[self.nx :].copy()
                 value = np.concatenate((x, g))
@@ -161,8 +163,8 @@ class ActiveSetMethod:
             The system is singular.
         """
         way = np.eye(self.np_) if directions is None else directions
-        gradient, hessian, jacobian = (v.full() for v in self._system.first(sharp.x, sharp.p, sharp.lam_g))
-        bounds = self._system.bound_slopes(sharp.p).full() @ way
+        gradient, hessian, jacobian = (dense(v) for v in self._system.first(sharp.x, sharp.p, sharp.lam_g))
+        bounds = dense(self._system.bound_slopes(sharp.p)) @ way
         own, side = self._system.own_rows(sharp.active)
         rows = np.vstack((np.eye(self.nx), jacobian[:, : self.nx]))
         direct = np.vstack((np.zeros((self.nx, way.shape[1])), jacobian[:, self.nx :] @ way))
@@ -177,7 +179,7 @@ class ActiveSetMethod:
         weights = np.zeros(bounds.shape[0])
         weights[side] = pressing
         # Total derivative of the gradient of the Lagrangian, its bounds included, along the solution.
-        curvature = hessian[self.nx :, self.nx :] - self._system.curvature(sharp.p, weights).full()
+        curvature = hessian[self.nx :, self.nx :] - dense(self._system.curvature(sharp.p, weights))
         second = way.T @ curvature @ way + cross.T @ x + distance.T @ multiplier
         multipliers, pressed = np.zeros((2, self.nx + self.ng, way.shape[1]))
         multipliers[own], pressed[own] = multiplier, bounds[side]
@@ -233,10 +235,10 @@ class ActiveSetMethod:
         low, high = value - lower <= within, upper - value <= within
         side = np.where(low & high, 0, np.where(high, 1, -1))
         at = np.flatnonzero(low | high)
-        _, _, jacobian = (v.full() for v in self._system.first(sharp.x, sharp.p, sharp.lam_g))
+        _, _, jacobian = (dense(v) for v in self._system.first(sharp.x, sharp.p, sharp.lam_g))
         rows = np.vstack((np.eye(self.nx, self.nx + self.np_), jacobian))[at]
         pressed = np.where(low | high, np.where(side < 0, -1, 1), 0).astype(np.int8)
-        bounds = self._system.bound_slopes(sharp.p).full()[
+        bounds = dense(self._system.bound_slopes(sharp.p))[
             self._system.own_rows(ActiveSet(pressed[: self.nx], pressed[self.nx :]))[1]
         ]
         multipliers = np.concatenate((sharp.lam_x, sharp.lam_g))[at]

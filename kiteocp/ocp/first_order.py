@@ -16,6 +16,14 @@ from kiteocp.ocp.sharp import ActiveSet, ActiveSetError
 SINGULAR = 1e12
 
 
+def dense(matrix: Any) -> FloatArray:
+    """Return a sparse CasADi matrix as an array; its own way goes through a Python number for every zero too."""
+    found = np.zeros(matrix.shape)
+    places = matrix.sparsity().get_triplet()
+    found[places] = matrix.nonzeros()
+    return found
+
+
 class FirstOrderSystem:
     """Functions of one program, built once, and the linear system of any of its active sets.
 
