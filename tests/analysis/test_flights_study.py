@@ -123,6 +123,11 @@ def test_the_optimum_is_no_worse_than_the_flown_schedule_and_the_gain_adds_up() 
     gain = optimum.optimal_power_W - optimum.flown_power_W
     assert sum(optimum.contributions.values()) == pytest.approx(gain, rel=1e-9)
     assert optimum.contributions[LEFT_OUT] == pytest.approx(optimum.prescribed_power_W - optimum.flown_power_W)
+    # What was widened is told, and nothing was narrowed.
+    for key, kept in optimum.widened.items():
+        assert optimum.limits[key] < kept if "_min_" in key else optimum.limits[key] > kept
+    said = " ".join(statements(exact_study())["the optimum"])
+    assert all(key.removeprefix("limits.") in said for key in optimum.widened)
 
 
 def test_what_brings_most_of_a_gain_or_loss() -> None:

@@ -47,6 +47,9 @@ FORCE_LIMITS = {"limits.tether_force_max_at": "ground", "limits.tether_force_min
 #: A wind whose relative error is less is that of data without noise.
 KNOWN = 1e-4
 
+#: A limit that is this share wider than what the flight kept to is told.
+NOTICED = 0.01
+
 #: Factors on the estimated wind between which the matched one is looked for.
 MATCH = (0.7, 1.5)
 
@@ -60,6 +63,8 @@ class OptimumStudy:
     limits
         ``limits`` of the problem as taken from the flight, wider where the model with the flown means needs it: the
         optimum may do whatever that cycle does.
+    widened
+        Limits that are wider than the flight kept to, each with what the flight kept to.
     problem
         What was solved: the estimated kite, the matched wind, the flown operation and limits.
     flown_power_W, prescribed_power_W, optimal_power_W
@@ -79,6 +84,7 @@ class OptimumStudy:
     """
 
     limits: Mapping[str, float]
+    widened: Mapping[str, float]
     problem: Problem
     flown_power_W: float
     prescribed_power_W: float | None
@@ -96,6 +102,7 @@ class OptimumStudy:
         return {
             "status": self.result.status,
             "limits": dict(self.limits),
+            "limits_kept_in_flight": dict(self.widened),
             "flown_mean_power_W": self.flown_power_W,
             "prescribed_mean_power_W": self.prescribed_power_W,
             "optimal_mean_power_W": self.optimal_power_W,
@@ -142,10 +149,10 @@ def study_optimum(
     SolveError
         There is no optimal cycle under them.
     """
-    limits = flown_limits(flight)
-    given = base.with_values({**mean_operation(cycles), **limits, **FORCE_LIMITS})
+    kept = flown_limits(flight)
+    given = base.with_values({**mean_operation(cycles), **kept, **FORCE_LIMITS})
     factor, message = _matched(given, cycles, wind)
-    problem, limits = widened(wind_of(given, wind.scale * factor), limits, cycles)
+    problem, limits = widened(wind_of(given, wind.scale * factor), kept, cycles)
     given = given.with_values(limits)
     pause = problem.limits.phase_change_time_s
     optimum = solve(problem)
@@ -160,6 +167,7 @@ def study_optimum(
         contributions = _contributions(problem, optimum, pause, flown, prescribed, optimal)
     return OptimumStudy(
         limits=limits,
+        widened={key: value for key, value in kept.items() if abs(limits[key] - value) > NOTICED * abs(value)},
         problem=problem,
         flown_power_W=flown,
         prescribed_power_W=prescribed,

@@ -97,7 +97,7 @@ def _optimum(study: FlightStudy) -> str:
     rows = [["flown", f"{1e-3 * optimum.flown_power_W:.2f}"]]
     rows += [[name, f"{1e-3 * part:+.2f}"] for name, part in optimum.contributions.items()]
     rows.append(["optimal", f"{1e-3 * optimum.optimal_power_W:.2f}"])
-    limits = [[key.removeprefix("limits."), f"{value:.4g}"] for key, value in optimum.limits.items()]
+    limits = [[key.removeprefix("limits."), f"{value:.5g}"] for key, value in optimum.limits.items()]
     return table(["from flown to optimal", "kW"], rows, numeric_from=1) + table(
-        ["limit it flew with", "value"], limits, numeric_from=1
+        ["limit", "value"], limits, numeric_from=1
     )

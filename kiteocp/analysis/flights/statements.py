@@ -13,6 +13,7 @@ from kiteocp.analysis.flights.optimum import LEFT_OUT, VARYING, largest
 from kiteocp.analysis.flights.predictions import CLOSE, Prediction
 from kiteocp.analysis.flights.reasons import LAW_WORDS, QUANTITY_WORDS, reasons
 from kiteocp.analysis.flights.study import FlightStudy
+from kiteocp.cycle.remedies import listed
 
 
 @dataclass(frozen=True)
@@ -165,6 +166,21 @@ def _optimum(study: FlightStudy) -> Iterator[str]:
         yield (
             f"The model gives {prescribed:.1f} kW with the flown means: its errors and the manoeuvres that it leaves "
             f"out make {prescribed - flown:+.1f} kW."
+        )
+    if optimum.widened:
+        wider = listed(
+            [
+                f"{key.removeprefix('limits.')} from {value:.5g} to {optimum.limits[key]:.5g}"
+                for key, value in optimum.widened.items()
+            ],
+            "and",
+        )
+        yield f"Limits are wider than the flight kept to, where the model flown with its means needs it: {wider}."
+    pause = optimum.limits.get("limits.phase_change_time_s", 0.0)
+    if pause:
+        yield (
+            f"Each of the three phase changes takes {pause:.1f} s: together the time by which the flown cycle lasts "
+            "longer than the model's, which has no such manoeuvres."
         )
     sigmas = "" if optimum.wind_sigmas is None else f", {optimum.wind_sigmas:.1f} standard errors of the estimate"
     yield (
