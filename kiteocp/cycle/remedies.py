@@ -146,7 +146,11 @@ def _nearest_flying(values: ParameterValues, key: str, value: float, end: float)
 def _changed(values: ParameterValues, key: str, number: float) -> ParameterValues:
     if key != WIND:
         return values.replaced({key: number})
-    factor = number / _value(values, WIND)
+    return in_wind(values, number / _value(values, WIND))
+
+
+def in_wind(values: ParameterValues, factor: float) -> ParameterValues:
+    """Return the same with the wind speed times a factor; every profile is linear in its speeds."""
     return values.replaced({name: factor * values[name] for name in wind_keys(values.structure)})
 
 

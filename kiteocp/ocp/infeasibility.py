@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from kiteocp.cycle.remedies import wind_keys
+from kiteocp.cycle.remedies import in_wind, wind_keys
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.conflict import Conflict, Infeasibility, sentence_of
 from kiteocp.ocp.elastic import ElasticSolution
@@ -138,8 +138,7 @@ class _Search:
         """Relax all limits together from a cycle in as many times the wind as one needs; None where none is found."""
         prices = {relief.name: price_of(relief, self.values, 1.0) for relief in self.elastic.reliefs}
         for factor in WIND_FACTORS:
-            windy = self.values.replaced({key: factor * self.values[key] for key in wind_keys(self.values.structure)})
-            found = self.elastic.solve(self.packed(start), windy.vector, prices)
+            found = self.elastic.solve(self.packed(start), in_wind(self.values, factor).vector, prices)
             if found.success:
                 more = factor * (1 + found.slacks.get(WIND_UP, 0.0)) - 1
                 return self.repair(self.limits, found.x, slacks={**found.slacks, WIND_UP: more})

@@ -7,11 +7,9 @@ from typing import Any
 
 import casadi as ca
 
+from kiteocp.cycle.remedies import wind_keys
 from kiteocp.physics.model import Model
 from kiteocp.physics.parameters import Parameters, ParameterValues, Structure, parameters_of
-
-#: Numbers of a wind profile that scale with its speed.
-SPEED_KEYS = ("environment.wind.reference_speed_m_s", "environment.wind.speeds_m_s[")
 
 #: Height at which wind is measured by convention (World Meteorological Organization), m.
 STANDARD_HEIGHT_M = 10.0
@@ -19,8 +17,8 @@ STANDARD_HEIGHT_M = 10.0
 
 def scaled_wind(parameters: Parameters, scale: Any) -> Any:
     """Return the parameter vector with the wind speed scaled (every profile is linear in its speeds)."""
-    keys = parameters.structure.keys
-    factors = [scale if key.startswith(SPEED_KEYS) else 1.0 for key in keys]
+    speeds = wind_keys(parameters.structure)
+    factors = [scale if key in speeds else 1.0 for key in parameters.structure.keys]
     return parameters.vector * ca.vertcat(*factors)
 
 

@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 
 from kiteocp.analysis.estimation.averages import average
 from kiteocp.analysis.estimation.inversion import MEASURED, apparent_wind, measured_samples, turned_sample
-from kiteocp.analysis.estimation.profile import SPEED_KEYS, ground_height, reference_height, scaled_wind, wind_function
+from kiteocp.analysis.estimation.profile import ground_height, reference_height, scaled_wind, wind_function
 from kiteocp.analysis.estimation.robust import TUKEY, RobustFit, robust_fit, tukey_loss
 from kiteocp.analysis.flights import FlightData
+from kiteocp.cycle.remedies import wind_keys
 from kiteocp.errors import InputError
 from kiteocp.physics.model import Model
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values, parameters_of
@@ -99,7 +100,7 @@ class WindEstimate:
 
 def wind_speeds(values: ParameterValues) -> dict[str, float]:
     """Return the numbers of the wind profile that are speeds, by key path."""
-    return {key: values[key] for key in values.structure.keys if key.startswith(SPEED_KEYS)}
+    return {key: values[key] for key in wind_keys(values.structure)}
 
 
 def wind_of_problem(problem: Problem) -> WindEstimate:

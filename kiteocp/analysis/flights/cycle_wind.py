@@ -10,8 +10,8 @@ from kiteocp.analysis.estimation.wind import WindEstimate, wind_from_airspeed
 from kiteocp.analysis.flights.cleaning import FloatArray
 from kiteocp.analysis.flights.data import FlightData
 from kiteocp.analysis.flights.kite import DIRECTION, SLOPE_STEP, WIND, EstimatedKite
-from kiteocp.analysis.flights.replay import scaled_wind
 from kiteocp.analysis.flights.sensor import FEWEST_AIRSPEEDS, airspeed_factor
+from kiteocp.cycle.remedies import in_wind
 from kiteocp.physics.parameters import ParameterValues, parameter_values
 
 #: What the airspeed of the predicted cycle itself gets wrong of its wind.
@@ -86,7 +86,7 @@ def shifted(values: ParameterValues, name: str, change: float, wind: CycleWind) 
     if name not in (WIND, OWN_WIND):
         return values.replaced({name: values[name] + change}), 0.0
     ratio = 1.0 + change * (wind.slope if name == WIND else 1.0) / wind.estimate.scale
-    return scaled_wind(values, ratio), 0.0
+    return in_wind(values, ratio), 0.0
 
 
 def values_of_cycle(kite: EstimatedKite, wind: CycleWind) -> ParameterValues:

@@ -160,6 +160,10 @@ def study_optimum(
     prescribed = _power(problem, pause)
     optimal = _mean_power(optimum)
     error = wind.scale_standard_error
+
+    def in_other_wind(errors: float) -> float | None:
+        return _optimal(given, (wind.scale + errors * (error or 0.0)) * factor)
+
     contributions: dict[str, float] = {"schedule": optimal - flown}
     if prescribed is None:
         message = message or "the model cannot fly the cycle with the flown means, so that the gain stays in one piece"
@@ -172,7 +176,7 @@ def study_optimum(
         flown_power_W=flown,
         prescribed_power_W=prescribed,
         optimal_power_W=optimal,
-        optimal_band_W=tuple(_optimal(given, (wind.scale + sign * (error or 0.0)) * factor) for sign in (-1, 1)),  # type: ignore[arg-type]
+        optimal_band_W=(in_other_wind(-1.0), in_other_wind(1.0)),
         wind_factor=factor,
         wind_sigmas=abs(factor - 1.0) * wind.scale / error if error and error > KNOWN * wind.scale else None,
         best=optimal_operation(optimum),

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from kiteocp.analysis.flights.cleaning import FloatArray
 from kiteocp.analysis.flights.data import FlightData
 from kiteocp.analysis.flights.measured import model_lengths, time_mean
+from kiteocp.cycle.remedies import in_wind
 from kiteocp.physics.equilibrium import explicit_state
 from kiteocp.physics.kinematics import Course, radians
 from kiteocp.physics.model import Model, Position
@@ -214,12 +215,6 @@ def replay(path: Path, values: ParameterValues, law: WinchLaw | None = None) -> 
     return Replay(path, speed, kite_speed, by_speed, by_winch, missing if law is None else law.speed(by_winch))
 
 
-def scaled_wind(values: ParameterValues, factor: float) -> ParameterValues:
-    """Return the numbers of a problem with its wind times a factor; every profile is linear in its speeds."""
-    speeds = [key for key in values.structure.keys if key.startswith("environment.wind.") and "speed" in key]
-    return values.replaced({key: factor * values[key] for key in speeds})
-
-
 def matching_wind(path: Path, values: ParameterValues) -> float | None:
     """Return the factor on the wind with which the flown force makes the path reel out as far as measured.
 
@@ -229,7 +224,7 @@ def matching_wind(path: Path, values: ParameterValues) -> float | None:
     inputs, measured = np.vstack([path.places, path.force_N]), time_mean(path.time_s, path.reeling_speed_m_s)
 
     def excess(factor: float) -> float:
-        found = np.asarray(function(inputs, scaled_wind(values, factor).vector))[0]
+        found = np.asarray(function(inputs, in_wind(values, factor).vector))[0]
         # Without an equilibrium there is too little wind.
         return (time_mean(path.time_s, found) if np.isfinite(found).all() else -np.inf) - measured
 

@@ -105,9 +105,12 @@ def mass_isolines(
     angle, arguments = ca.SX.sym("angle"), ca.SX.sym("arguments", functions.residual.size1_in(1))
     residual = functions.residual(angle, arguments)
     mass = values.structure.keys.index("kite.mass_kg")
-    force = functions.state(angle=angle, arguments=arguments)["aerodynamic_force"]
+    state = functions.state(angle=angle, arguments=arguments)
     by_mass = ca.jacobian(residual, arguments)[mass]
-    massless = ca.Function("massless", [angle, arguments], [residual, by_mass, force])
+    weight_by_mass = ca.jacobian(state["weight_across"], arguments)[mass]
+    drag_share = state["drag_coefficient"] / state["resultant_coefficient"]
+    quantities = [residual, by_mass, state["aerodynamic_force"], weight_by_mass, drag_share]
+    massless = ca.Function("massless", [angle, arguments], quantities)
     steepness = ca.Function("steepness", [angle, arguments], [ca.jacobian(residual, angle)])
 
     ratios, courses = (grid.ravel() for grid in np.meshgrid(kinematic_ratio, course_deg, indexing="ij"))
@@ -115,10 +118,8 @@ def mass_isolines(
     table[len(values.vector) + POSITION_ARGUMENTS.index("course_deg")] = courses
     angles = np.arctan(ratios)[None, :]
     found = massless.map(courses.size)(angles, table)
-    given, tilting, strength = (np.asarray(output).ravel() for output in found)
-    # What the weight across the tether is per kilogram.
-    weight = values["environment.gravity_m_s2"] * np.cos(np.radians(ELEVATION_DEG))
-    target = 1 / np.hypot(1.0, LIFT_TO_DRAG)
+    # `weight` is that across the tether per kilogram, `target` the cosine of the angle of force and apparent wind.
+    given, tilting, strength, weight, target = (np.asarray(output).ravel() for output in found)
     masses = np.full(courses.size, np.nan)
     with np.errstate(invalid="ignore"):
         a, b = given + target, -tilting * strength / weight
