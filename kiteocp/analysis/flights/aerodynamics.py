@@ -8,6 +8,7 @@ import numpy as np
 
 from kiteocp.analysis.estimation.inversion import invert
 from kiteocp.analysis.flights.study import FlightStudy
+from kiteocp.physics.aerodynamics import resultant_coefficient
 
 #: Samples below which a traction is left out, and the least relative variation for a correlation.
 FEWEST, VARYING = 20, 0.05
@@ -48,7 +49,8 @@ def check_forces(study: FlightStudy) -> ForceCheck:
         )
         force = found["aerodynamic_force_N"]
         # The same speed on both sides: the forces are as the coefficients.
-        predicted = force * np.hypot(lift, kite_drag + tether_drag) / found["exact.resultant_coefficient"]
+        resultant = np.asarray(resultant_coefficient(lift, kite_drag + tether_drag), dtype=float).ravel()
+        predicted = force * resultant / found["exact.resultant_coefficient"]
         known = np.isfinite(predicted)
         if np.count_nonzero(known) < FEWEST:
             continue
