@@ -22,8 +22,8 @@ from kiteocp.cycle.schedule import Schedule, fly_schedule, outputs_on_schedule
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.errors import CycleError
 from kiteocp.ocp.certificate import ELEVATION_TOLERANCE_DEG, MARGIN_TOLERANCE
-from kiteocp.ocp.limits import path_limits
-from kiteocp.ocp.optimum import OptimalCycle, quantity_of
+from kiteocp.ocp.limits import limits_of
+from kiteocp.ocp.optimum import OptimalCycle
 from kiteocp.physics.parameters import ParameterValues
 
 #: How near a phase must come to its end, as a share of its way; the energy of the cycle is then good to as much.
@@ -195,18 +195,8 @@ def _energy(values: ParameterValues, record: PhaseRecord, objective: str) -> flo
 
 
 def _exceeded(values: ParameterValues, records: list[PhaseRecord]) -> tuple[str, ...]:
-    found = []
-    for limit in path_limits(values.structure):
-        bound, sign = limit.bound(values), 1.0 if limit.side == "lower" else -1.0
-        margins = [
-            float(np.min(sign * (quantity_of(record, limit.quantity) - bound)))
-            for record in records
-            if record.name in limit.phases
-        ]
-        if not min(margins) >= -MARGIN_TOLERANCE * max(abs(bound), 1e-9):
-            found.append(limit.key)
-    traction = records[-1]
-    stroke = float(traction.tether_length_m[-1] - traction.tether_length_m[0])
-    reached = {"limits.traction_duration_min_s": traction.duration_s, "limits.stroke_min_m": stroke}
-    found += [key for key, value in reached.items() if key in values and value < values[key] * (1 - MARGIN_TOLERANCE)]
-    return tuple(found)
+    return tuple(
+        limit.key
+        for limit in limits_of(values.structure)
+        if any((limit.margin(record, values) or 0.0) < -MARGIN_TOLERANCE for record in records)
+    )

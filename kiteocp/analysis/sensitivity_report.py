@@ -21,6 +21,9 @@ _AMOUNTS: dict[str, tuple[float, str]] = {
     "s": (1.0, "1 s"),
 }
 
+#: Amount of a limit without unit.
+_RATIO_AMOUNT = (0.01, "0.01")
+
 #: Limits in plain words.
 _WORDS: dict[str, str] = {
     "tether_force_min_N": "more minimum tether force",
@@ -39,6 +42,17 @@ _WORDS: dict[str, str] = {
     "traction_elevation_max_deg": "more maximum elevation in traction",
     "traction_elevation_rate_max_deg_s": "faster change of elevation in traction",
     "traction_duration_min_s": "more minimum duration of the traction",
+    "retraction_duration_min_s": "more minimum duration of the retraction",
+    "transition_duration_min_s": "more minimum duration of the transition",
+    "phase_duration_max_s": "more time for each phase",
+    "radial_ground_force_min_N": "more minimum radial force at the ground",
+    "kinematic_ratio_min": "more minimum kinematic ratio",
+    "kinematic_ratio_max": "more maximum kinematic ratio",
+    "forward_airspeed_ratio_min": "more minimum airspeed along the course, in wind speeds,",
+    "traction_course_min_deg": "more minimum course in traction",
+    "traction_course_max_deg": "more maximum course in traction",
+    "power_setting_min": "more minimum power setting",
+    "power_setting_max": "more maximum power setting",
     "stroke_min_m": "more minimum stroke",
     "phase_change_time_s": "more time for each phase change",
 }
@@ -89,7 +103,8 @@ def shadow_prices(keys: Sequence[str], prices: Mapping[str, FloatArray]) -> list
         if not kept:
             continue
         name = key.removeprefix("limits.")
-        amount, written = next(_AMOUNTS[unit] for unit in sorted(_AMOUNTS, key=len)[::-1] if name.endswith(f"_{unit}"))
+        units = (unit for unit in sorted(_AMOUNTS, key=len)[::-1] if name.endswith(f"_{unit}"))
+        amount, written = _AMOUNTS.get(next(units, ""), _RATIO_AMOUNT)
         verb = "is worth" if total >= 0.0 else "costs"
         rows.append(
             {

@@ -13,8 +13,8 @@ from kiteocp.analysis.winch_law import Kind, WinchLaw
 from kiteocp.cycle.phases import PHASE_CHANGES, PhaseName
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.errors import CycleError
-from kiteocp.ocp.limits import path_limits
-from kiteocp.ocp.optimum import OptimalCycle, quantity_of
+from kiteocp.ocp.limits import limits_of
+from kiteocp.ocp.optimum import OptimalCycle
 from kiteocp.physics.parameters import ParameterValues, parameter_values
 from kiteocp.problem import Problem
 
@@ -130,21 +130,14 @@ def violations_of(records: Sequence[PhaseRecord], values: ParameterValues) -> li
     """List the limits that flown phases leave, the worst instant of each phase; the largest excess first."""
     found = []
     for record in records:
-        for limit in path_limits(values.structure):
-            if record.name not in limit.phases:
-                continue
-            samples, bound = quantity_of(record, limit.quantity), float(limit.bound(values))
-            reached = float(samples.max() if limit.side == "upper" else samples.min())
-            # A limit of zero (the lowest height may be one) has no share of itself: a thousandth of its unit, then.
-            excess = (reached - bound if limit.side == "upper" else bound - reached) / max(abs(bound), 1e-3)
-            found.append(_violation(limit.key, record, values, reached / limit.factor, excess))
+        for limit in limits_of(values.structure):
+            margin, reached = limit.margin(record, values), limit.reached(record)
+            if margin is not None and reached is not None:
+                found.append(_violation(limit.key, record, values, reached, -margin))
         acceleration = np.gradient(record.output("reeling_speed"), record.time_s)
         key = "limits.reeling_acceleration_max_m_s2"
         fastest = float(np.max(np.abs(acceleration)))
         found.append(_violation(key, record, values, fastest, fastest / values[key] - 1.0))
-    key, traction = "limits.traction_duration_min_s", records[-1]
-    if values[key] > 0:
-        found.append(_violation(key, traction, values, traction.duration_s, 1.0 - traction.duration_s / values[key]))
     return sorted((v for v in found if v["excess_percent"] > 100 * WITHIN), key=lambda v: -v["excess_percent"])
 
 

@@ -165,7 +165,7 @@ class ActiveSetMethod:
         way = np.eye(self.np_) if directions is None else directions
         gradient, hessian, jacobian = (dense(v) for v in self._system.first(sharp.x, sharp.p, sharp.lam_g))
         bounds = dense(self._system.bound_slopes(sharp.p)) @ way
-        own, side = self._system.own_rows(sharp.active)
+        own, side = self._system.own_rows(self._sided(sharp))
         rows = np.vstack((np.eye(self.nx), jacobian[:, : self.nx]))
         direct = np.vstack((np.zeros((self.nx, way.shape[1])), jacobian[:, self.nx :] @ way))
         # Distance of each active bound: value - bound(p).
@@ -186,6 +186,14 @@ class ActiveSetMethod:
         x_lower, x_upper, g_lower, g_upper = np.split(bounds, np.cumsum([self.nx, self.nx, self.ng]))
         lower, upper = np.vstack((x_lower, g_lower)), np.vstack((x_upper, g_upper))
         return Derivatives(objective, x, rows @ x + direct, multipliers, lower, upper, pressed, second)
+
+    def _sided(self, sharp: SharpSolution) -> ActiveSet:
+        """Return the active set with what equal bounds fix at that of the two which its multiplier speaks for."""
+        lower, upper = self._system.sides(sharp.p)
+        active = np.concatenate((sharp.active.variables, sharp.active.rows))
+        multiplier = np.concatenate((sharp.lam_x, sharp.lam_g))
+        active[(lower == upper) & (active != 0) & (multiplier < 0.0)] = -1
+        return ActiveSet(active[: self.nx], active[self.nx :])
 
     def margins(self, sharp: SharpSolution) -> tuple[FloatArray, FloatArray]:
         """Slacks of the inactive bounds and signed multipliers of the active ones; negative means another active set.

@@ -36,6 +36,23 @@ PHRASES: dict[str, tuple[str, str]] = {
     ),
     "elevation_max_deg": ("stay below {} deg of elevation", "a highest elevation of {} deg"),
     "traction_duration_min_s": ("reel out for at least {} s", "a shortest traction of {} s"),
+    "retraction_duration_min_s": ("reel in for at least {} s", "a shortest retraction of {} s"),
+    "transition_duration_min_s": ("fly a transition of at least {} s", "a shortest transition of {} s"),
+    "phase_duration_max_s": ("finish each phase within {} s", "phases of up to {} s"),
+    "radial_ground_force_min_N": (
+        "keep a radial pull of {} N at the ground",
+        "a smallest radial pull at the ground of {} N",
+    ),
+    "kinematic_ratio_min": ("keep its kinematic ratio above {}", "a smallest kinematic ratio of {}"),
+    "kinematic_ratio_max": ("keep its kinematic ratio below {}", "a largest kinematic ratio of {}"),
+    "forward_airspeed_ratio_min": (
+        "keep an airspeed along its course of {} times the wind speed",
+        "a smallest airspeed along the course of {} times the wind speed",
+    ),
+    "traction_course_min_deg": ("keep its course in traction above {} deg", "a lowest traction course of {} deg"),
+    "traction_course_max_deg": ("keep its course in traction below {} deg", "a highest traction course of {} deg"),
+    "power_setting_min": ("keep its power setting above {}", "a lowest power setting of {}"),
+    "power_setting_max": ("keep its power setting below {}", "a highest power setting of {}"),
     "stroke_min_m": ("reel out by at least {} m", "a smallest stroke of {} m"),
     "traction_elevation_rate_max_deg_s": (
         "change its elevation in traction by no more than {} deg/s",

@@ -13,8 +13,8 @@ from kiteocp.cycle.schedule import outputs_on_schedule
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.errors import CycleError
 from kiteocp.ocp.check import Check, Level
-from kiteocp.ocp.limits import path_limits
-from kiteocp.ocp.optimum import OptimalCycle, quantity_of, speed_jumps
+from kiteocp.ocp.limits import limits_of
+from kiteocp.ocp.optimum import OptimalCycle, speed_jumps
 from kiteocp.physics.equilibrium import OUTPUTS
 
 #: A limit may be exceeded by this share of itself, anywhere in time.
@@ -66,31 +66,22 @@ def limit_margins(cycle: OptimalCycle, flown: Sequence[FlownPhase] | None) -> li
             outputs = outputs_on_schedule(values, schedule, time, length, elevation)
             records.append(PhaseRecord(phase.name, time, length, elevation, outputs, phase.energy_J))
     margins = []
-    for limit in path_limits(values.structure):
-        bound = limit.bound(values)
-        sign = 1.0 if limit.side == "lower" else -1.0
+    for limit in limits_of(values.structure):
+        # A phase that is flown until its time is over says nothing of limits of the whole.
+        judged = cycle.records if limit.whole else records
         found = [
-            (float(np.min(sign * (quantity_of(record, limit.quantity) - bound))) / max(abs(bound), 1e-9), record.name)
-            for record in records
-            if record.name in limit.phases
+            (margin, record.name) for record in judged if (margin := limit.margin(record, values)) is not None
         ]
-        # A number that is not finite is as bad as can be: it must not hide behind a comparison.
-        margin, phase_name = min(found, key=lambda item: item[0] if np.isfinite(item[0]) else -np.inf)
-        margins.append(LimitMargin(limit.key, phase_name, margin))
-    margins += _whole_margins(cycle)
+        if found:
+            margin, name = min(found)
+            margins.append(LimitMargin(limit.key, name, margin))
+    margins.append(_acceleration_margin(cycle))
     return margins
 
 
-def _whole_margins(cycle: OptimalCycle) -> list[LimitMargin]:
-    """Margins of limits that hold for a phase as a whole, and of the winch's acceleration inside the phases."""
-    values, traction = cycle.values, cycle.records[-1]
-    stroke = float(traction.tether_length_m[-1] - traction.tether_length_m[0])
-    reached = {"limits.traction_duration_min_s": traction.duration_s, "limits.stroke_min_m": stroke}
-    margins = [
-        LimitMargin(key, "traction", (value - values[key]) / max(values[key], 1e-9))
-        for key, value in reached.items()
-        if key in values
-    ]
+def _acceleration_margin(cycle: OptimalCycle) -> LimitMargin:
+    """Margin of the winch's acceleration inside the phases."""
+    values = cycle.values
     key = "limits.reeling_acceleration_max_m_s2"
     worst = []
     for record in cycle.records:
@@ -99,7 +90,7 @@ def _whole_margins(cycle: OptimalCycle) -> list[LimitMargin]:
         rates = np.abs(np.diff(speeds) / np.diff(times))
         worst.append(((values[key] - float(np.max(rates, initial=0.0))) / values[key], record.name))
     margin, name = min(worst, key=lambda item: item[0] if np.isfinite(item[0]) else -np.inf)
-    return [*margins, LimitMargin(key, name, margin)]
+    return LimitMargin(key, name, margin)
 
 
 def limits_check(margins: Sequence[LimitMargin]) -> Check:

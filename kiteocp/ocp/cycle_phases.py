@@ -18,28 +18,29 @@ from kiteocp.ocp.declaration import (
     Static,
     Variable,
 )
-from kiteocp.ocp.limits import SCALES, PathLimit, bounds_of, path_limits
+from kiteocp.ocp.limits import SCALES, Limit, bounds_of, limits_of
 from kiteocp.physics import kinematics
 from kiteocp.physics.equilibrium import inflow_angle_at_force, outputs_of
-from kiteocp.physics.kinematics import Course, radians
+from kiteocp.physics.kinematics import Course
 from kiteocp.physics.model import Model, Position
 
 if TYPE_CHECKING:
     from kiteocp.ocp.formulation import Formulation
 
-#: Bounds of the inflow angle. Near 0 the kite stands still in the air, near pi/2 the tether is slack: the steady states
-#: end there (a kinematic ratio of 0.03 and 200).
-INFLOW_ANGLE = (0.03, float(np.arctan(200.0)))
-
-#: Least square of the apparent wind along the course over that of the wind, where the tangential speed has two roots.
-DISCRIMINANT_MIN = 1e-3
-
-#: Shortest retraction and transition, s; below, a phase has no meaning.
-SHORTEST = {"retraction": 0.5, "transition": 0.2}
-LONGEST_S = 3600.0
-
 #: Rounding of the electrical power at zero, where generator and motor meet, W.
 POWER_ROUNDING_W = 10.0
+
+
+#: Outputs of a flight state that limits bound by a row; those of variables bound these.
+CONSTRAINED = (
+    "tether_force_kite",
+    "tether_force_ground",
+    "reeling_speed",
+    "power",
+    "height",
+    "forward_airspeed_ratio",
+    "inflow_angle",
+)
 
 
 class PhaseBuilder:
@@ -58,17 +59,17 @@ class PhaseBuilder:
         self.model = model
         self.formulation = formulation
         self.implicit = formulation.equilibrium == "implicit"
-        self.limits: list[PathLimit] = path_limits(model.parameters.structure)
+        self.limits: list[Limit] = limits_of(model.parameters.structure)
         self.traction_start: Any = None
         self.traction_end: Any = None
 
-    def variable(self, name: str, phase: PhaseKind, quantity: str | None = None) -> Variable:
-        """Return a state with the limits of its quantity; an elevation is at least zero."""
-        quantity = quantity or name
-        lower, upper = bounds_of(self.limits, self.parameters, phase.name, quantity)
-        if quantity == "elevation" and phase is not TRACTION:
+    def variable(self, name: str, phase: PhaseKind) -> Variable:
+        """Return a variable with the limits of its quantity."""
+        lower, upper = bounds_of(self.limits, self.parameters, phase.name, name)
+        if name == "elevation" and phase is not TRACTION:
+            # No limit of its own: the lowest height, which is not below the ground, implies it.
             lower = 0.0
-        return Variable(name, lower, upper, SCALES[quantity])
+        return Variable(name, lower, upper, SCALES[name])
 
     def plane_phase(self, kind: PhaseKind) -> Phase:
         """Retraction or transition: straight up or down in the plane of the wind."""
@@ -82,15 +83,11 @@ class PhaseBuilder:
                 lambda speed: kinematics.elevation_rate(speed, position.course, point["tether_length"]),
             )
 
-        return self.phase(
-            kind, model, [self.variable("elevation", kind)], Variable("duration", SHORTEST[kind.name], LONGEST_S, 10.0)
-        )
+        return self.phase(kind, model, [self.variable("elevation", kind)])
 
     def traction_phase(self) -> tuple[Phase, list[Static]]:
         """Crosswind flight at a mean state, its elevation constant, linear in time, free, or tied to the course."""
-        mode, p = self.formulation.traction_elevation, self.parameters
-        duration = Variable("duration", p["limits.traction_duration_min_s"], LONGEST_S, 10.0)
-        rate_max = radians(p["limits.traction_elevation_rate_max_deg_s"])
+        mode = self.formulation.traction_elevation
         states, controls, statics = [], [], []
         elevation_variable = self.variable("elevation", TRACTION)
         if mode == "constant":
@@ -98,11 +95,11 @@ class PhaseBuilder:
         else:
             states = [elevation_variable]
         if mode == "linear":
-            statics = [Static("elevation_rate", scale=0.01)]
+            statics = [Static("elevation_rate", scale=SCALES["elevation_rate"])]
         elif mode == "free":
-            controls = [Variable("elevation_rate", -rate_max, rate_max, 0.01)]
+            controls = [self.variable("elevation_rate", TRACTION)]
         elif mode == "course-coupled":
-            controls = [Variable("course", 0.0, np.pi)]
+            controls = [self.variable("course", TRACTION)]
         fixed = {static.name: static.symbol for static in statics}
 
         def model(point: Point) -> PointExpressions:
@@ -120,7 +117,7 @@ class PhaseBuilder:
                 TRACTION, point, position, lambda speed: kinematics.elevation_rate(speed, drift, length)
             )
 
-        phase = self.phase(TRACTION, model, states, duration, controls)
+        phase = self.phase(TRACTION, model, states, controls)
         if mode == "constant":
             self.traction_start = self.traction_end = fixed["elevation"]
         else:
@@ -132,19 +129,18 @@ class PhaseBuilder:
         kind: PhaseKind,
         model: Any,
         states: list[Variable],
-        duration: Variable,
         controls: list[Variable] | None = None,
     ) -> Phase:
         """Declare what all phases share: tether length, force, inflow angle, and the acceleration of the winch."""
         acceleration = self.parameters["limits.reeling_acceleration_max_m_s2"]
-        controls = [Variable("radial_ground_force", 0.0, np.inf, SCALES["radial_ground_force"]), *(controls or [])]
+        controls = [self.variable("radial_ground_force", kind), *(controls or [])]
         if self.formulation.schedules_power_setting(kind):
-            controls.append(Variable("power_setting", 0.0, 1.0))
+            controls.append(self.variable("power_setting", kind))
         return Phase(
             kind.name,
-            duration=duration,
+            duration=self.variable("duration", kind),
             states=[self.variable("tether_length", kind), *states],
-            algebraics=[Variable("inflow_angle", *INFLOW_ANGLE)] if self.implicit else [],
+            algebraics=[self.variable("inflow_angle", kind)] if self.implicit else [],
             controls=controls,
             model=model,
             rate_limits=[
@@ -169,15 +165,13 @@ class PhaseBuilder:
         if "elevation" in point.values:
             derivatives["elevation"] = elevation_rate(state.tangential_speed)
         constraints = []
-        for quantity in ("tether_force_kite", "tether_force_ground", "reeling_speed", "power", "height"):
+        for quantity in CONSTRAINED:
+            # A variable has its bounds already.
+            if quantity in point.values:
+                continue
             lower, upper = bounds_of(self.limits, self.parameters, kind.name, quantity)
             if not (_infinite(lower) and _infinite(upper)):
                 constraints.append(PathConstraint(quantity, outputs[quantity], lower, upper, SCALES[quantity]))
-        if kind.course is None:
-            forward = (around.wind.along_course - state.tangential_speed) / around.wind_speed
-            constraints.append(PathConstraint("forward flight", forward**2, DISCRIMINANT_MIN, np.inf))
-        if not self.implicit:
-            constraints.append(PathConstraint("inflow angle", inflow_angle, *INFLOW_ANGLE))
         residuals = [Residual("equilibrium", state.residual)] if self.implicit else []
         return PointExpressions(derivatives, residuals, constraints, outputs)
 

@@ -144,7 +144,7 @@ def cycle_problem(structure: Structure, formulation: Formulation) -> OptimalCont
     p = builder.parameters
     if "limits.stroke_min_m" in p:
         stroke = traction.end["tether_length"] - traction.start["tether_length"]
-        links.append(Link("limits.stroke_min_m", stroke, p["limits.stroke_min_m"], np.inf, scale=100.0))
+        links.append(Link("limits.stroke_min_m", stroke, p["limits.stroke_min_m"], np.inf, scale=SCALES["stroke"]))
     if formulation.speed_jumps == "limited":
         allowed = p["limits.reeling_acceleration_max_m_s2"] * p["limits.phase_change_time_s"]
         links += [
@@ -168,7 +168,7 @@ def cycle_problem(structure: Structure, formulation: Formulation) -> OptimalCont
 DEFERRED: dict[str, tuple[str, ...]] = {
     "retraction": ("tether_force_kite", "power", "height"),
     "transition": ("power", "height"),
-    "traction": ("tether_force_ground", "height", "forward flight"),
+    "traction": ("tether_force_ground", "height", "forward_airspeed_ratio"),
 }
 
 

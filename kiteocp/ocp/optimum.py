@@ -12,13 +12,13 @@ from kiteocp.cycle.phases import PHASES, FlownPhase, PhaseName
 from kiteocp.cycle.schedule import SCHEDULED, Schedule, fly_schedule, outputs_on_schedule
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.ocp.collocation import radau_points
-from kiteocp.ocp.limits import path_limits
+from kiteocp.ocp.limits import limits_of
 from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.nlpsolver import Solution
 from kiteocp.ocp.trajectory import PhaseTrajectory, Trajectory
 from kiteocp.physics.parameters import ParameterValues
 
-#: A limit counts as active where its quantity is this near, relative to the limit (or to 1 % of its range).
+#: A limit counts as active where its quantity is this near, relative to the size of the limit (`Limit.size`).
 ACTIVE_WITHIN = 2e-3
 
 #: Samples of a phase in records: about ten in each mesh interval of the default mesh.
@@ -106,12 +106,6 @@ def _record(values: ParameterValues, trajectory: Trajectory, schedule: Schedule)
     return PhaseRecord(schedule.name, time, length, elevation, outputs, phase.integrals["power"])
 
 
-def quantity_of(record: PhaseRecord, name: str) -> np.ndarray:
-    """Return a limited quantity over a record, a place or an output, in SI units, shape (n,)."""
-    places = {"tether_length": record.tether_length_m, "elevation": record.elevation_rad}
-    return places[name] if name in places else record.output(name)
-
-
 def active_limits(cycle: OptimalCycle) -> dict[str, list[dict[str, Any]]]:
     """List for each phase the limits it runs into, with the share of its time, longest first.
 
@@ -120,20 +114,12 @@ def active_limits(cycle: OptimalCycle) -> dict[str, list[dict[str, Any]]]:
     values = cycle.values
     found: dict[str, list[dict[str, Any]]] = {}
     for record in cycle.records:
-        entries = []
-        for limit in path_limits(values.structure):
-            if record.name not in limit.phases:
-                continue
-            bound = limit.bound(values)
-            near = np.abs(quantity_of(record, limit.quantity) - bound) <= ACTIVE_WITHIN * max(abs(bound), 1e-3)
-            held = near.astype(float)
-            # The phase's own ends count as well: a length that is just reached has no duration.
-            share = min(float(np.trapezoid(held, record.time_s) / record.duration_s), 1.0)
-            if near.any():
-                entries.append({"limit": limit.key, "value": values[limit.key], "share": share})
+        entries: list[dict[str, Any]] = [
+            {"limit": limit.key, "value": values[limit.key], "share": share}
+            for limit in limits_of(values.structure)
+            if (share := limit.share(record, values, ACTIVE_WITHIN)) is not None
+        ]
         entries += _rate_limits(cycle, record)
-        if record.name == "traction":
-            entries += _whole_limits(values, record)
         found[record.name] = sorted(entries, key=lambda entry: -entry["share"])
     return found
 
@@ -146,16 +132,6 @@ def _rate_limits(cycle: OptimalCycle, record: PhaseRecord) -> list[dict[str, Any
     active = np.abs(np.diff(speed)) / steps >= (1 - ACTIVE_WITHIN) * limit
     share = float(np.sum(steps[active]) / phase.duration)
     return [{"limit": key, "value": limit, "share": share}] if share else []
-
-
-def _whole_limits(values: ParameterValues, record: PhaseRecord) -> list[dict[str, Any]]:
-    stroke = float(record.tether_length_m[-1] - record.tether_length_m[0])
-    reached = {"limits.traction_duration_min_s": record.duration_s, "limits.stroke_min_m": stroke}
-    return [
-        {"limit": key, "value": values[key], "share": 1.0}
-        for key, value in reached.items()
-        if key in values and value <= values[key] * (1 + ACTIVE_WITHIN)
-    ]
 
 
 def speed_jumps(records: Sequence[PhaseRecord], values: ParameterValues) -> list[dict[str, Any]]:

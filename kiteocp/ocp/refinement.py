@@ -192,22 +192,25 @@ def _excess(
     count, degree = samples.phase.mesh.intervals, samples.phase.mesh.degree
     # As the program sees it: a winch that cuts the force off at its limits, as the re-simulated one, would hide them.
     sampled = samples.phase.evaluate(np.clip(samples.times_s / samples.phase.duration, 0.0, 1.0))
-    gained = {}
+    gained: dict[str, FloatArray] = {}
     for limit in path_limits(values.structure):
-        if limit.quantity in ("tether_length", "elevation"):
-            multipliers, labels = solution.lam_x, program.variables
-            entries = program.find_variables(phase=schedule.name, kind="state", name=limit.quantity)[1:]
-        else:
+        multipliers, labels = solution.lam_x, program.variables
+        entries = program.find_variables(phase=schedule.name, name=limit.quantity)
+        if entries.size and labels[int(entries[0])].kind == "state":
+            entries = entries[1:]
+        elif not entries.size:
             multipliers, labels = solution.lam_g, program.rows
             entries = program.find_rows(phase=schedule.name, kind="path", name=limit.quantity)
         # An elevation that is one number for the phase has no points to pass between.
         if schedule.name not in limit.phases or entries.size == 0:
             continue
-        upwards = 1.0 if limit.side == "upper" else -1.0
-        past = np.maximum(upwards * (sampled[limit.quantity] - limit.bound(values)), 0.0)
-        beyond = samples.by_interval(past).max(axis=-1)
-        worth = np.maximum(upwards * multipliers[entries], 0.0).reshape(count, degree).sum(axis=1)
-        gained[limit.key] = worth * beyond / labels[int(entries[0])].scale / _objective(solution)
+        for upwards in {"lower": (-1.0,), "upper": (1.0,), "both": (-1.0, 1.0)}[limit.side]:
+            bound = (upwards if limit.side == "both" else 1.0) * limit.bound(values)
+            past = np.maximum(upwards * (sampled[limit.quantity] - bound), 0.0)
+            beyond = samples.by_interval(past).max(axis=-1)
+            worth = np.maximum(upwards * multipliers[entries], 0.0).reshape(count, degree).sum(axis=1)
+            gain = worth * beyond / labels[int(entries[0])].scale / _objective(solution)
+            gained[limit.key] = gain + gained.get(limit.key, 0.0)
     return gained
 
 

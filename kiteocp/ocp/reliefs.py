@@ -39,7 +39,7 @@ def elastic_program(structure: Structure, formulation: Formulation) -> ElasticPr
 
 def loosening(key: str) -> int:
     """Direction in which a limit loosens: a minimum downwards, a maximum (and a time that is allowed) upwards."""
-    return -1 if "_min_" in key else 1
+    return -1 if "_min" in key else 1
 
 
 def farthest(key: str, value: float) -> float:

@@ -146,6 +146,7 @@ OUTPUTS = (
     "kinematic_ratio",
     "reeling_factor",
     "tangential_speed_factor",
+    "forward_airspeed_ratio",
     "aerodynamic_force",
     "radial_ground_force",
     "tether_force_kite",

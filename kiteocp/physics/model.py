@@ -97,6 +97,11 @@ class FlightState:
         return self.tangential_speed / self.surroundings.wind_speed
 
     @property
+    def forward_airspeed_ratio(self) -> Any:
+        """Airspeed along the course over wind speed: the root of the discriminant of lambda (eq:lambda_definition)."""
+        return (self.tangential_speed - self.surroundings.wind.along_course) / self.surroundings.wind_speed
+
+    @property
     def kite_speed(self) -> Any:
         """Magnitude of the kite's velocity, m/s."""
         return kinematics.kite_speed(self.reeling_speed, self.tangential_speed)

@@ -47,11 +47,13 @@ class _Comparison:
             block = block.get(part) if isinstance(block, Mapping) else None
         return f"{path} ({show(self.value(path))}{', its default' if block is None else ''})"
 
-    def ordered(self, low: str, high: str) -> None:
-        """Demand that one key is less than another."""
-        if not self.value(low) < self.value(high):
-            place = low if self._is_given(low) else high
-            self.fail(place, f"{self.named(low)} is not less than {self.named(high)}; change one of them")
+    def ordered(self, low: str, high: str, *, equal: bool = False) -> None:
+        """Demand that one key is less than another, or not greater where `equal` bounds fix the quantity between."""
+        if self.value(low) < self.value(high) or (equal and self.value(low) == self.value(high)):
+            return
+        place = low if self._is_given(low) else high
+        word = "greater than" if equal else "not less than"
+        self.fail(place, f"{self.named(low)} is {word} {self.named(high)}; change one of them")
 
     def _is_given(self, path: str) -> bool:
         return not self.named(path).endswith("default)")
@@ -73,13 +75,23 @@ def check_consistency(content: Block, given: Block, fail: Fail) -> None:
     for low, high in (
         ("operation.tether_length_min_m", "operation.tether_length_max_m"),
         ("operation.retraction.tether_force_N", "operation.traction.tether_force_N"),
-        ("limits.tether_force_min_N", "limits.tether_force_max_N"),
+        # A cycle needs a stroke.
         ("limits.tether_length_min_m", "limits.tether_length_max_m"),
+    ):
+        comparison.ordered(low, high)
+    for low, high in (
+        ("limits.tether_force_min_N", "limits.tether_force_max_N"),
         ("limits.height_min_m", "limits.height_max_m"),
         ("limits.traction_elevation_min_deg", "limits.traction_elevation_max_deg"),
         ("limits.traction_elevation_min_deg", "limits.elevation_max_deg"),
+        ("limits.kinematic_ratio_min", "limits.kinematic_ratio_max"),
+        ("limits.traction_course_min_deg", "limits.traction_course_max_deg"),
+        ("limits.power_setting_min", "limits.power_setting_max"),
+        ("limits.retraction_duration_min_s", "limits.phase_duration_max_s"),
+        ("limits.transition_duration_min_s", "limits.phase_duration_max_s"),
+        ("limits.traction_duration_min_s", "limits.phase_duration_max_s"),
     ):
-        comparison.ordered(low, high)
+        comparison.ordered(low, high, equal=True)
     _check_reach(content["limits"], fail)
     _check_wind(content, fail)
     check_uncertainty(content, fail)

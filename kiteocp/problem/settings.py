@@ -92,6 +92,37 @@ class Limits(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     traction_elevation_rate_max_deg_s: Annotated[
         float, quantity("deg/s", "fastest change of the elevation in traction where it is free", gt=0)
     ] = 0.1
+    retraction_duration_min_s: Annotated[float, quantity("s", "shortest retraction", gt=0)] = 0.5
+    transition_duration_min_s: Annotated[float, quantity("s", "shortest transition", gt=0)] = 0.2
+    phase_duration_max_s: Annotated[float, quantity("s", "longest retraction, transition and traction", gt=0)] = 3600.0
+    radial_ground_force_min_N: Annotated[
+        float, quantity("N", "smallest pull along the line from winch to kite; below 0 the tether would push", ge=0)
+    ] = 0.0
+    kinematic_ratio_min: Annotated[
+        float,
+        quantity("1", "smallest kinematic ratio; near 0 the kite is too heavy for the wind and falls", gt=0),
+    ] = 0.03
+    kinematic_ratio_max: Annotated[
+        float, quantity("1", "largest kinematic ratio; beyond, the kite outruns its tether, which goes slack", gt=0)
+    ] = 200.0
+    forward_airspeed_ratio_min: Annotated[
+        float,
+        quantity("1", "smallest airspeed along the course in traction over wind speed; at 0 steady flight ends", ge=0),
+    ] = 0.03
+    traction_course_min_deg: Annotated[
+        float,
+        quantity("deg", "lowest course in traction where it is coupled to the elevation; 0 is down", ge=0, le=180),
+    ] = 0.0
+    traction_course_max_deg: Annotated[
+        float,
+        quantity("deg", "highest course in traction where it is coupled to the elevation; 180 is up", ge=0, le=180),
+    ] = 180.0
+    power_setting_min: Annotated[
+        float, quantity("1", "lowest power setting where it is free; 0 is kite.depowered", ge=0, le=1)
+    ] = 0.0
+    power_setting_max: Annotated[
+        float, quantity("1", "highest power setting where it is free; 1 is kite.powered", ge=0, le=1)
+    ] = 1.0
     phase_change_time_s: Annotated[
         float, quantity("s", "time without power at each of the three phase changes", ge=0)
     ] = 2.0

@@ -26,7 +26,6 @@ from numpy.typing import NDArray
 
 from kiteocp.cycle.phases import PHASE_CHANGES, PhaseName
 from kiteocp.cycle.schedule import schedule_functions
-from kiteocp.ocp.cycle_phases import DISCRIMINANT_MIN
 from kiteocp.ocp.limits import path_limits
 from kiteocp.physics.equilibrium import OUTPUTS
 from kiteocp.physics.parameters import ParameterValues, parameter_values
@@ -89,7 +88,7 @@ def node_rates(values: ParameterValues, grid: Grid, phase: PhaseName) -> Rates:
     limits = [
         limit
         for limit in path_limits(values.structure)
-        if phase in limit.phases and limit.quantity not in ("tether_length", "elevation")
+        if phase in limit.phases and limit.quantity in OUTPUTS
     ]
 
     def outputs(force: Array) -> Array:
@@ -98,12 +97,11 @@ def node_rates(values: ParameterValues, grid: Grid, phase: PhaseName) -> Rates:
     def allowed(found: Array) -> NDArray[np.bool_]:
         ok = np.isfinite(found).all(axis=0)
         for limit in limits:
-            sign, bound = (1.0 if limit.side == "lower" else -1.0), limit.bound(values)
+            sign, bound = (1.0 if limit.side == "lower" else -1.0), float(limit.bound(values))
             # Forces are held at their limits by the function itself, to rounding.
             ok &= sign * (found[rows[limit.quantity]] - bound) >= -1e-9 * max(abs(bound), 1.0)
         if phase != "traction":
-            across = found[rows["apparent_wind_speed"]] ** 2 - found[rows["radial_apparent_wind_speed"]] ** 2
-            ok &= across >= DISCRIMINANT_MIN * found[rows["wind_speed"]] ** 2
+            ok &= found[rows["forward_airspeed_ratio"]] >= values["limits.forward_airspeed_ratio_min"]
         return ok
 
     ends = [outputs(np.full(length.size, force))[rows["radial_ground_force"]] for force in (0.0, 1e9)]

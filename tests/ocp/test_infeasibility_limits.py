@@ -12,7 +12,7 @@ from kiteocp import load_problem
 from kiteocp.ocp.conflict import PHRASES, Infeasibility
 from kiteocp.ocp.formulation import Formulation
 from kiteocp.ocp.infeasibility import explain
-from kiteocp.ocp.limits import path_limits
+from kiteocp.ocp.limits import limits_of
 from kiteocp.ocp.optimality import Optimality
 from kiteocp.ocp.reliefs import farthest, loosening, penalised_optimum
 from kiteocp.ocp.search import cycle_solver
@@ -205,12 +205,17 @@ def test_it_is_plain_values_in_a_summary() -> None:
 
 def test_every_limit_has_its_direction_reach_and_words() -> None:
     structure = parameter_values(
-        STRONG.with_values({"limits.generator_power_max_W": 2e4, "limits.motor_power_max_W": 1e4})
+        STRONG.with_values(
+            {"limits.generator_power_max_W": 2e4, "limits.motor_power_max_W": 1e4, "limits.stroke_min_m": 50.0}
+        )
     ).structure
-    for limit in path_limits(structure):
-        grows = (limit.side == "upper") == (limit.factor > 0)
+    limits = limits_of(structure)
+    for limit in limits:
+        grows = (limit.side != "lower") == (limit.measure.to_quantity(2.0) > limit.measure.to_quantity(1.0))
         assert loosening(limit.key) == (1 if grows else -1), limit.key
     numbers = {path.partition(".")[2] for path in known_paths() if path.startswith("limits.")}
+    others = {"limits.reeling_acceleration_max_m_s2", "limits.phase_change_time_s"}
+    assert {limit.key for limit in limits} | others == {f"limits.{name}" for name in PHRASES}
     assert set(PHRASES) == {name for name in numbers if not name.endswith("_at")}
     assert 60.0 * (1 + farthest("limits.traction_elevation_max_deg", 60.0)) < 90.0
     assert 85.0 * (1 + farthest("limits.elevation_max_deg", 85.0)) == pytest.approx(180.0)

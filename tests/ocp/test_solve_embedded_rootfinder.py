@@ -60,7 +60,7 @@ def optimal_power(values: ParameterValues, start: kiteocp.Result) -> float:
             opti.subject_to(middle == (before + after) / 2 + step / 8 * (slopes[:, k] - slopes[:, k + 2]))
             energy += step / 6 * (rates[1, k] + 4 * rates[1, k + 1] + rates[1, k + 2])
         time += 10 * duration
-        shortest = {"retraction": 0.5, "transition": 0.2, "traction": limit["traction_duration_min_s"]}[phase]
+        shortest = limit[f"{phase}_duration_min_s"]
         lowest, highest = 0.0, np.radians(limit["elevation_max_deg"])
         if phase == "traction":
             lowest, highest = (np.radians(limit[f"traction_elevation_{side}_deg"]) for side in ("min", "max"))

@@ -105,11 +105,11 @@ def test_values_out_of_range(tmp_path: Path, old: str, new: str, expected: str) 
     [
         ("_min_m: 390.0", "_min_m: 720", "operation.tether_length_min_m (720) is not less than"),
         ("tether_force_N: 749.0", "tether_force_N: 3008", "operation.retraction.tether_force_N (3008) is not less"),
-        ("  tether_force_min_N: 749.0", "  tether_force_min_N: 3008", "limits.tether_force_min_N (3008) is not less"),
+        ("  tether_force_min_N: 749.0", "  tether_force_min_N: 3009", "limits.tether_force_min_N (3009) is greater"),
         (MAX, f"{MAX}\n  tether_length_min_m: 720", "limits.tether_length_min_m (720) is not less than limits."),
-        (MAX, f"{MAX}\n  height_min_m: 500", "(500) is not less than limits.height_max_m (500, its default)"),
-        (MAX, f"{MAX}\n  traction_elevation_max_deg: 20", "limits.traction_elevation_max_deg (20)"),
-        (MAX, f"{MAX}\n  elevation_max_deg: 15", "is not less than limits.elevation_max_deg (15)"),
+        (MAX, f"{MAX}\n  height_min_m: 501", "(501) is greater than limits.height_max_m (500, its default)"),
+        (MAX, f"{MAX}\n  traction_elevation_max_deg: 19", "limits.traction_elevation_max_deg (19)"),
+        (MAX, f"{MAX}\n  elevation_max_deg: 15", "is greater than limits.elevation_max_deg (15)"),
         (MAX, f"{MAX}\n  stroke_min_m: 331", "leave only 330 m"),
         # 400 m sin(60 deg) = 346.4 m is the highest a kite gets in traction.
         (MAX, f"{MAX}\n  tether_length_max_m: 400\n  height_min_m: 347", "reaches only 346.41 m"),

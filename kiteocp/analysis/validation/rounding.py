@@ -101,13 +101,39 @@ def rounding_bands(
     halves = np.array([half_units.get(key, 0.0) for key in study.keys])
     bands = {}
     for name, slopes in _slopes(values, study).items():
-        corner = np.sign(slopes) * halves
-        ends = [
-            flown_numbers(ParameterValues(values.structure, values.vector + side * corner))[name] for side in (-1, 1)
-        ]
+        ends = [_extreme(values, name, side * np.sign(slopes) * halves, side) for side in (-1.0, 1.0)]
         effects = np.abs(slopes * halves)
         bands[name] = Band(min(ends), max(ends), float(effects.sum()), math.sqrt(float((effects**2).sum())))
     return bands
+
+
+def _extreme(values: ParameterValues, name: str, corner: FloatArray, side: float) -> float:
+    """Return the least (side -1) or the greatest (+1) of a number over the corners of the rounded inputs.
+
+    Parameters
+    ----------
+    values, name
+        The numbers of the problem, and which number of `flown_numbers`.
+    corner
+        Changes of the inputs to begin with, shape (keys,): those of the derivatives, which are not the same everywhere.
+        From there single inputs are turned over as long as that leads farther.
+    side
+        Which end.
+    """
+
+    def flown(shift: FloatArray) -> float:
+        return flown_numbers(ParameterValues(values.structure, values.vector + shift))[name]
+
+    best, turned = flown(corner), True
+    while turned:
+        turned = False
+        for index in np.flatnonzero(corner):
+            other = corner.copy()
+            other[index] *= -1.0
+            number = flown(other)
+            if side * (number - best) > 0.0:
+                best, corner, turned = number, other, True
+    return best
 
 
 def _slopes(values: ParameterValues, study: ForwardSensitivity) -> dict[str, FloatArray]:
