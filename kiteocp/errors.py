@@ -5,9 +5,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import json
+import unicodedata
+from collections.abc import Collection, Mapping
 from types import MappingProxyType
 from typing import Any
+
+#: A word longer than this is cut in a message: longer than any path or key that a person would read.
+WORD_LENGTH_MAX = 240
+#: A message longer than this is cut in its middle; its beginning names the place, its end the remedy.
+SENTENCE_LENGTH_MAX = 2000
+#: Unicode categories of characters that a terminal obeys, reorders by or cannot show: controls, formats, surrogates,
+#: and the separators of lines and paragraphs.
+_UNPRINTABLE = frozenset(("Cc", "Cf", "Cs", "Zl", "Zp"))
+
+
+def printable(text: str, *, keep: str = "") -> str:
+    """Return a text that is safe to print: control and format characters as escapes, such as ``\\u001b``.
+
+    Text may come from a file that somebody else has written; an escape sequence in it could rewrite the terminal. The
+    escapes are those of JSON, so that JSON stays what it was.
+
+    Parameters
+    ----------
+    text : str
+        Any text.
+    keep : str
+        Control characters to leave, such as line breaks.
+    """
+    if text.isascii() and text.isprintable():
+        return text
+    return "".join(
+        json.dumps(character)[1:-1]
+        if unicodedata.category(character) in _UNPRINTABLE and character not in keep
+        else character
+        for character in text
+    )
+
+
+def shortened(text: str, length: int) -> str:
+    """Return a text of at most ``length`` characters, longer ones cut in the middle, with the marks ``...`` there."""
+    if len(text) <= length:
+        return text
+    end = (length - 3) // 3
+    return f"{text[: length - 3 - end]}...{text[len(text) - end :]}"
+
+
+def one_sentence(text: str) -> str:
+    """Return a message in one printable line of sensible length, whatever it echoes."""
+    text = " ".join(shortened(word, WORD_LENGTH_MAX) for word in text.split())
+    return printable(shortened(text, SENTENCE_LENGTH_MAX))
 
 
 class KiteocpError(Exception):
@@ -20,6 +67,13 @@ class KiteocpError(Exception):
     """
 
     exit_status: int = 1
+
+    def __str__(self) -> str:
+        """Return the message in one line that can be printed, whatever the user gave."""
+        return one_sentence(self._text())
+
+    def _text(self) -> str:
+        return super().__str__()
 
 
 class InputError(KiteocpError):
@@ -48,7 +102,7 @@ class InputError(KiteocpError):
         self.line = line
         self.key = key
 
-    def __str__(self) -> str:
+    def _text(self) -> str:
         """Return ``file:line: message`` with the parts that are known."""
         if self.file is None:
             return self.message
@@ -95,7 +149,7 @@ class NoEquilibriumError(_CalculationError):
         One of ``force_below_sag``, ``slack``, ``reeling_too_fast``, ``crosswind``, ``too_heavy``, ``falling``.
     """
 
-    def __str__(self) -> str:
+    def _text(self) -> str:
         """Return one sentence with the cause."""
         return f"no equilibrium of forces {self.cause}"
 
@@ -124,7 +178,7 @@ class CycleError(_CalculationError):
         """Add what would make the cycle fly: a longer sentence, and the same in numbers."""
         self.sentence, self.explanation = sentence, dict(explanation)
 
-    def __str__(self) -> str:
+    def _text(self) -> str:
         """Return one sentence with the phase and the cause."""
         return self.sentence or f"the prescribed cycle cannot be flown, its {self.phase} ends {self.cause}"
 
@@ -140,7 +194,7 @@ class SolveError(_CalculationError):
         What was reached, by name with the unit.
     """
 
-    def __str__(self) -> str:
+    def _text(self) -> str:
         """Return one sentence with the cause."""
         return f"no optimal cycle found: {self.cause}"
 
@@ -160,9 +214,31 @@ class InfeasibleError(SolveError):
         super().__init__(sentence, reason="infeasible")
         self.explanation = dict(explanation)
 
-    def __str__(self) -> str:
+    def _text(self) -> str:
         """Return the sentence."""
         return self.cause
+
+
+def check_word(name: str, value: object, words: Collection[str]) -> None:
+    """Check that an argument of a function is one of its words.
+
+    Parameters
+    ----------
+    name : str
+        Name of the argument, for the message.
+    value : object
+        What was given.
+    words : collection of str
+        What may be given.
+
+    Raises
+    ------
+    InputError
+        If it is none of them.
+    """
+    if not isinstance(value, str) or value not in words:
+        *first, last = (repr(word) for word in words)
+        raise InputError(f"{name} is {shortened(repr(value), 60)}; it must be {', '.join(first)} or {last}", key=name)
 
 
 def _restored(kind: type[KiteocpError], args: tuple[Any, ...], state: dict[str, Any]) -> KiteocpError:

@@ -7,7 +7,7 @@ import io
 import os
 import sys
 
-from kiteocp.errors import InputError
+from kiteocp.errors import InputError, one_sentence, printable
 
 
 def prepare_streams() -> None:
@@ -19,7 +19,7 @@ def prepare_streams() -> None:
 
 
 def say(text: str) -> None:
-    """Print text to standard output.
+    """Print text to standard output, without the control characters that a file of somebody else may hold.
 
     A closed pipe (``kiteocp list | head -1``) is not an error: the reader has what it wanted, and the verb goes on.
 
@@ -29,7 +29,7 @@ def say(text: str) -> None:
         If standard output cannot be written to, as on a full disk.
     """
     try:
-        print(text, flush=True)
+        print(printable(text, keep="\n\t"), flush=True)
     except BrokenPipeError:
         _discard_stdout()
     except OSError as error:
@@ -40,7 +40,7 @@ def say(text: str) -> None:
 def complain(text: str) -> None:
     """Print one sentence to standard error, with the name of the program before it."""
     with contextlib.suppress(OSError):
-        print(f"kiteocp: {' '.join(text.split())}", file=sys.stderr, flush=True)
+        print(f"kiteocp: {one_sentence(text)}", file=sys.stderr, flush=True)
 
 
 def _discard_stdout() -> None:

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-from kiteocp.errors import InputError
+from kiteocp.errors import InputError, shortened
 from kiteocp.problem.catalogue import catalogue, known_paths
 from kiteocp.problem.checking import Fail, nearest, suggestion
 from kiteocp.problem.reading import describe, parse
@@ -43,9 +43,9 @@ def parse_override(text: str) -> tuple[str, Any]:
     path = path.strip()
     if not equals or not path or not value_text.strip():
         raise InputError(
-            f"--set {text}: expected key=value, such as environment.wind.reference_speed_m_s=8", key=path or None
+            f"--set {shortened(text, 80)}: expected key=value, such as environment.wind.reference_speed_m_s=8", key=path or None
         )
-    value, _ = parse(value_text, f"--set {text}")
+    value, _ = parse(value_text, f"--set {shortened(text, 80)}")
     return path, value
 
 
@@ -111,10 +111,12 @@ def _set(content: dict[str, Any], path: str, value: Any, overrides: Mapping[str,
         block = block[part]
     if entry:
         entries = block.get(name)
-        if not isinstance(entries, list) or int(entry["index"]) >= len(entries):
-            length = len(entries) if isinstance(entries, list) else 0
+        length = len(entries) if isinstance(entries, list) else 0
+        # Python converts at most 4300 digits.
+        index = int(entry["index"]) if len(entry["index"]) <= 9 else length
+        if not isinstance(entries, list) or index >= length:
             fail(path, f"{path} does not exist, as {entry['path']} has {length} entries; set the whole list")
-        entries[int(entry["index"])] = value
+        entries[index] = value
         return
     if value is None:
         block.pop(name, None)

@@ -16,12 +16,17 @@ from typing import Any
 
 import yaml
 
-from kiteocp.errors import InputError
+from kiteocp.errors import InputError, shortened
+from kiteocp.problem.files import path_label, read_source
 
 #: A problem file is a few kilobytes; anything larger is something else, and not worth parsing.
 SIZE_LIMIT_BYTES = 1_000_000
 #: The layout has four levels; the rest is room for what deserves a better message than this one.
 DEPTH_LIMIT = 50
+#: Values of a file, those behind aliases counted as often as they are named. Anchors and aliases are allowed, as they
+#: save writing a block twice, but a few lines of aliases of aliases can stand for more values than fit in memory.
+#: A wind table of thousands of heights stays far below.
+VALUE_LIMIT = 100_000
 
 _Base: Any = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
 
@@ -113,18 +118,8 @@ def read_document(path: Path, label: str | None = None) -> Document:
         If it is missing, unreadable, no text, no YAML, empty, or not a mapping of keys to values.
     """
     if label is None:
-        # A path may hold characters that a terminal cannot print.
-        label = str(path) if str(path).isprintable() else repr(str(path))
-    try:
-        with path.open("rb") as stream:
-            source = stream.read(SIZE_LIMIT_BYTES + 1)
-    except FileNotFoundError:
-        raise InputError("there is no such file; check the path, or see `kiteocp list`", file=label) from None
-    except IsADirectoryError:
-        raise InputError("is a directory; name the problem file in it", file=label) from None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        raise InputError(f"cannot be read ({reason}); check the path and its permissions", file=label) from None
+        label = path_label(path)
+    source = read_source(path, label, SIZE_LIMIT_BYTES)
     if len(source) > SIZE_LIMIT_BYTES:
         raise InputError("is larger than 1 MB and cannot be a problem file; check the path", file=label)
     try:
@@ -152,7 +147,7 @@ def parse(text: str, label: str) -> tuple[Any, dict[str, int]]:
         If the text is not YAML or repeats a key.
     """
     try:
-        _check_depth(text, label)
+        _check_extent(text, label)
         loader = _Loader(text)
         try:
             node = loader.get_single_node()
@@ -177,13 +172,60 @@ def parse(text: str, label: str) -> tuple[Any, dict[str, int]]:
         raise InputError(f"holds a value that cannot be read ({error}); correct it", file=label) from None
 
 
-def _check_depth(text: str, label: str) -> None:
-    """Reject deep nesting before the composer, which recurses in C, overflows the stack and ends the process."""
-    depth = 0
-    for event in yaml.parse(text, Loader=_Loader):
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if depth > DEPTH_LIMIT:
-            raise InputError("is nested too deeply for a problem file; check the brackets", file=label)
+def _check_extent(text: str, label: str) -> None:
+    """Reject deep nesting and aliases that multiply, on the stream of events, before anything is built from them.
+
+    The composer recurses in C and would overflow the stack; what follows it walks through every alias.
+    """
+    open_sizes: list[tuple[str | None, int]] = []
+    sizes: dict[str, int] = {}
+    total = 0
+    try:
+        for event in yaml.parse(text, Loader=_Loader):
+            size = 0
+            if isinstance(event, yaml.CollectionStartEvent):
+                open_sizes.append((event.anchor, total))
+                if len(open_sizes) > DEPTH_LIMIT:
+                    raise _nested_too_deeply(label)
+                size = 1
+            elif isinstance(event, yaml.CollectionEndEvent):
+                anchor, before = open_sizes.pop()
+                if anchor is not None:
+                    sizes[anchor] = total - before
+            elif isinstance(event, yaml.ScalarEvent):
+                size = 1
+                if event.anchor is not None:
+                    sizes[event.anchor] = 1
+            elif isinstance(event, yaml.AliasEvent):
+                # One that is not known, or not complete, gets its own message from the composer.
+                size = sizes.get(event.anchor, 1)
+            total += size
+            if total > VALUE_LIMIT:
+                raise InputError(
+                    f"holds more than {VALUE_LIMIT} values, those behind aliases counted each time; write out the few "
+                    "that a file needs",
+                    file=label,
+                    line=event.start_mark.line + 1,
+                )
+    except yaml.MarkedYAMLError:
+        # The parser looks far ahead of its events, and its newer versions have a limit of their own there.
+        if _bracket_depth(text) > DEPTH_LIMIT:
+            raise _nested_too_deeply(label) from None
+        raise
+
+
+def _nested_too_deeply(label: str) -> InputError:
+    return InputError("is nested too deeply for a problem file; check the brackets", file=label)
+
+
+def _bracket_depth(text: str) -> int:
+    """Return how deep the brackets of a text are nested, outside quotes and comments."""
+    bare = re.sub(r"'[^'\n]*'|\"[^\"\n]*\"|(?:^|\s)#[^\n]*", "", text)
+    deepest = depth = 0
+    for bracket in re.findall(r"[][{}]", bare):
+        depth += 1 if bracket in "[{" else -1
+        deepest = max(deepest, depth)
+    return deepest
 
 
 def _note_lines(node: yaml.Node, path: str, lines: dict[str, int], label: str, above: tuple[int, ...]) -> None:
@@ -200,7 +242,9 @@ def _note_lines(node: yaml.Node, path: str, lines: dict[str, int], label: str, a
         return
     seen: dict[str, int] = {}
     for key, value in node.value:
-        name, line = str(key.value), key.start_mark.line + 1
+        # A key may be a list or a block, which the check of the keys refuses.
+        name = shortened(str(key.value), 200) if isinstance(key, yaml.ScalarNode) else f"{key.tag} {key.start_mark.index}"
+        line = key.start_mark.line + 1
         child = f"{path}.{name}" if path else name
         if name in seen:
             raise InputError(
@@ -222,7 +266,7 @@ def describe(value: object) -> str:
         case bool():
             words = f"the truth value {str(value).lower()}"
         case str():
-            words = f"the text {value if len(value) <= 60 else value[:57] + '...'!r}"
+            words = f"the text {shortened(value, 60)!r}"
         case Real():
             words = f"the number {show(value)}"
         case Mapping():

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from kiteocp.errors import InputError
 from kiteocp.problem.checking import nearest
+from kiteocp.problem.files import user_path
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _SUFFIXES = (".yaml", ".yml", ".json")
@@ -33,15 +34,15 @@ def problem_path(name_or_path: str | os.PathLike[str]) -> Path:
         If it is neither.
     """
     if not isinstance(name_or_path, str):
-        return Path(name_or_path).expanduser()
+        return user_path(name_or_path)
     name = name_or_path
     if "/" in name or os.sep in name or name.lower().endswith(_SUFFIXES):
-        return Path(name).expanduser()
+        return user_path(name)
     problems = shipped_problems()
     if name in problems:
         return problems[name]
     for local in (Path(name), *(Path(name + suffix) for suffix in _SUFFIXES)):
-        if name and local.is_file():
+        if name and os.path.isfile(local):  # Path.is_file raises where a name is too long or no name at all.
             raise InputError(
                 f"{name!r} is not a shipped problem; for the file of that name write {os.path.join('.', str(local))}"
             )

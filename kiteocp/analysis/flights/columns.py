@@ -18,6 +18,7 @@ from msgspec import Struct
 from kiteocp.analysis.flights.data import FLIGHT_PHASES
 from kiteocp.errors import InputError
 from kiteocp.problem.checking import nearest
+from kiteocp.problem.files import user_path
 from kiteocp.problem.reading import read_document
 
 AngleUnit = Literal["deg", "rad"]
@@ -217,8 +218,9 @@ def load_columns(name_or_path: str | os.PathLike[str]) -> ColumnMap:
         guess = f"did you mean {near}?" if near else "a file of yours needs its path with the .yaml."
         raise InputError(f"{text!r} is not a shipped column map; {guess} (Shipped: {', '.join(shipped)})")
     else:
-        path = Path(name_or_path).expanduser()
-        if not path.exists():
+        path = user_path(name_or_path)
+        # Path.exists raises where a folder may not be entered, or a name is too long.
+        if not os.path.lexists(path):
             raise InputError(f"there is no such column map; check the path, or use {', '.join(shipped)}", file=text)
     document = read_document(path, text)
     try:
