@@ -18,6 +18,7 @@ from kiteocp.analysis.crosswind_course import (
 from kiteocp.analysis.crosswind_flight import FlownPath, UnflyableError, Winch, fly_path
 from kiteocp.analysis.crosswind_path import PATHS, FlightPath
 from kiteocp.errors import InputError
+from kiteocp.execution import one_at_a_time
 from kiteocp.physics.parameters import ParameterValues, parameter_values
 from kiteocp.problem import Problem
 from kiteocp.result import Result
@@ -53,6 +54,7 @@ _COMPARED = {
 }
 
 
+@one_at_a_time
 def representative_course(
     problem: Problem,
     path: str | FlightPath = DEFAULT_PATH,
@@ -103,6 +105,7 @@ def representative_course(
     return compare(values, fly_path(values, path, length, winch), winch)
 
 
+@one_at_a_time
 def crosswind(
     problem: Problem,
     kind: str = DEFAULT_PATH,

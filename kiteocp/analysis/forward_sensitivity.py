@@ -17,6 +17,7 @@ from kiteocp.analysis.local_study import key_directions
 from kiteocp.cycle.phases import PHASES
 from kiteocp.cycle.tangent import QUANTITIES, cycle_and_tangent
 from kiteocp.errors import InputError
+from kiteocp.execution import one_at_a_time
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem
@@ -73,6 +74,7 @@ class ForwardSensitivity:
         return {"forward_cycle": _by_part(np.array(list(self.quantities.values()))), "forward_sensitivities": rows}
 
 
+@one_at_a_time
 def forward_sensitivity(problem: Problem, *, gravity: bool = True) -> ForwardSensitivity:
     """Differentiate the prescribed cycle of a problem with respect to each of its numbers.
 
@@ -112,6 +114,7 @@ def forward_sensitivity(problem: Problem, *, gravity: bool = True) -> ForwardSen
     )
 
 
+@one_at_a_time
 def rounding_band(
     problem: Problem, half_units: Mapping[str, float], *, gravity: bool = True
 ) -> dict[str, tuple[float, float]]:

@@ -34,6 +34,7 @@ from kiteocp.analysis.global_samples import (
     uncertainties,
 )
 from kiteocp.errors import InputError, SolveError
+from kiteocp.execution import one_at_a_time
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.solution import optimise
 from kiteocp.physics.parameters import parameter_values
@@ -111,6 +112,7 @@ def base_samples(problem: Problem, samples: int) -> int:
     return 1 << int(np.log2(samples // each))
 
 
+@one_at_a_time
 def global_sensitivity(
     problem: Problem, *, samples: int = SAMPLES, jobs: int = 1, seed: int = 0, progress: Progress | None = None
 ) -> GlobalStudy:

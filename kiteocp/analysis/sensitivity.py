@@ -15,6 +15,7 @@ from kiteocp.analysis.local_study import LocalStudy
 from kiteocp.analysis.sensitivity_report import design_warnings, shadow_prices
 from kiteocp.cycle.phases import PHASES
 from kiteocp.cycle.summary import cycle_summary, phase_summaries, validity_warnings
+from kiteocp.execution import one_at_a_time
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.following import Reach
 from kiteocp.ocp.limits import SCALES
@@ -35,6 +36,7 @@ USUAL_CHANGE = 0.01
 MISLEADING_SHARE, NEGLIGIBLE_SHARE = 0.1, 1e-4
 
 
+@one_at_a_time
 def sensitivities(problem: Problem, *, intervals: bool = True) -> Result:
     """Differentiate the optimal mean power with respect to every number of a problem.
 

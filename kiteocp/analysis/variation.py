@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from kiteocp.errors import InputError, SolveError
+from kiteocp.execution import one_at_a_time
 from kiteocp.ocp import certificate as certify
 from kiteocp.ocp.certificate import Certificate
 from kiteocp.ocp.limits import SCALES
@@ -119,6 +120,7 @@ def varied_problems(problem: Problem, key: str, values: Sequence[float]) -> list
     return problems
 
 
+@one_at_a_time
 def vary(problem: Problem, key: str, values: Sequence[float], around: Result | None = None) -> Variation:
     """Re-solve a problem along one key, each value warm from its neighbour, and certify every optimum.
 

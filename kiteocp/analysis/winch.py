@@ -17,6 +17,7 @@ from kiteocp.analysis.winch_law import Kind, WinchLaw, fit_force_law, fit_length
 from kiteocp.analysis.winch_report import format_report
 from kiteocp.cycle.phases import PhaseName
 from kiteocp.errors import SolveError
+from kiteocp.execution import one_at_a_time
 from kiteocp.ocp.optimum import OptimalCycle
 from kiteocp.ocp.solution import Optimum, optimise
 from kiteocp.problem import Problem
@@ -129,6 +130,7 @@ class WinchExport:
         return list(contents)
 
 
+@one_at_a_time
 def export_schedule(problem: Problem, directory: str | Path) -> WinchExport:
     """Solve a problem and write what a winch controller takes; ``kiteocp solve --export`` in Python.
 
@@ -151,6 +153,7 @@ def export_schedule(problem: Problem, directory: str | Path) -> WinchExport:
     return export
 
 
+@one_at_a_time
 def winch_export(optimum: Optimum) -> WinchExport:
     """Make set points and laws from an optimum and fly the laws in the wind of the problem and in others.
 

@@ -20,6 +20,7 @@ from kiteocp.cycle.phases import PHASES
 from kiteocp.cycle.simulation import fly
 from kiteocp.cycle.vectorised import VectorisedFunction
 from kiteocp.errors import CycleError, InputError
+from kiteocp.execution import one_at_a_time
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values
 from kiteocp.problem import Problem
 
@@ -61,6 +62,7 @@ class BatchResult:
         return where
 
 
+@one_at_a_time
 def simulate_batch(
     problem: Problem | ParameterValues,
     parameters: Mapping[str, npt.ArrayLike],

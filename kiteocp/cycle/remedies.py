@@ -15,6 +15,7 @@ from kiteocp.cycle.laws import PHASE_ENDS, cycle_start, next_start, phase_functi
 from kiteocp.cycle.phases import PHASES, PhaseName
 from kiteocp.cycle.simulation import LONGEST_PHASE_S, SCALES, fly
 from kiteocp.errors import CycleError
+from kiteocp.execution import one_at_a_time
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values
 from kiteocp.problem import Problem
 
@@ -82,6 +83,7 @@ class UnflownCycle:
         return {"sentence": self.sentence, "remedies": [asdict(remedy) for remedy in self.remedies]}
 
 
+@one_at_a_time
 def explain_simulation(problem: Problem, error: CycleError, *, gravity: bool = True) -> UnflownCycle:
     """Find for each number of the prescribed cycle, and the wind, the nearest value at which the cycle flies.
 

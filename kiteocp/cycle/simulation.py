@@ -20,6 +20,7 @@ from kiteocp.cycle.summary import (
 )
 from kiteocp.cycle.transition import transition_branches
 from kiteocp.errors import CycleError, InputError, NoEquilibriumError
+from kiteocp.execution import one_at_a_time
 from kiteocp.physics.flight import Place, solve_state
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values
 from kiteocp.problem import Problem
@@ -42,6 +43,7 @@ FEWEST_SAMPLES = 40
 PARTS_OF_A_STEP = 6
 
 
+@one_at_a_time
 def simulate(
     problem: Problem,
     *,

@@ -13,6 +13,7 @@ import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from kiteocp.execution import interrupted, leave_if_interrupted
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.nlp import NonlinearProgram
 
@@ -56,6 +57,36 @@ NEAR_IPOPT_OPTIONS: Mapping[str, Any] = {
     "bound_frac": 1e-6,
 }
 """What changes when the start is near the solution but without multipliers: it is not pushed away from its bounds."""
+
+
+LARGE, WATCHED_EVERY = 400, 10
+"""Variables above which a solution can take a second, so that an interruption must be able to end it, and iterations
+between two looks. A look costs a tenth of an iteration; smaller programs are interrupted between two solutions."""
+
+
+class _Watch(ca.Callback):
+    """Ends a solution when the calculation is interrupted."""
+
+    def __init__(self, variables: int, rows: int, parameters: int) -> None:
+        super().__init__()
+        self._sizes = {"x": variables, "f": 1, "g": rows, "lam_x": variables, "lam_g": rows, "lam_p": parameters}
+        self.construct("watch", {})
+
+    def get_n_in(self) -> int:
+        """Return the number of what IPOPT tells after an iteration."""
+        return int(ca.nlpsol_n_out())
+
+    def get_n_out(self) -> int:
+        """Return 1: whether to stop."""
+        return 1
+
+    def get_sparsity_in(self, index: int) -> Any:
+        """Return the shape of one of them."""
+        return ca.Sparsity.dense(self._sizes[ca.nlpsol_out(index)], 1)
+
+    def eval(self, _told: Any) -> list[int]:
+        """Return 1 to stop."""
+        return [int(interrupted())]
 
 
 @dataclass(frozen=True)
@@ -103,8 +134,6 @@ class Solver:
         What to solve.
     options
         IPOPT options that replace or extend `DEFAULT_IPOPT_OPTIONS`.
-    callback
-        Optional CasADi callback called after each iteration (progress, interruption).
     deferred
         Indices of inequality rows that are expected to hold by themselves. A cold start leaves them out; if the
         solution keeps them it solves the whole program too, its multipliers there being zero, and otherwise the whole
@@ -116,12 +145,12 @@ class Solver:
         self,
         program: NonlinearProgram,
         options: Mapping[str, Any] | None = None,
-        callback: Any | None = None,
         deferred: Sequence[int] | NDArray[np.intp] = (),
     ) -> None:
         self.program = program
         self.options = {**DEFAULT_IPOPT_OPTIONS, **(options or {})}
-        self._callback = callback
+        # CasADi keeps no reference to them.
+        self._watches: list[_Watch] = []
         self._kept = np.setdiff1d(np.arange(len(program.rows)), np.asarray(deferred, dtype=np.intp))
         self._deferred = len(deferred) > 0
 
@@ -157,8 +186,9 @@ class Solver:
             "calc_lam_p": False,
             "no_nlp_grad": True,
         }
-        if self._callback is not None:
-            options["iteration_callback"] = self._callback
+        if nlp.x.numel() > LARGE:
+            self._watches.append(_Watch(nlp.x.numel(), g.numel(), nlp.p.numel()))
+            options |= {"iteration_callback": self._watches[-1], "iteration_callback_step": WATCHED_EVERY}
         return ca.nlpsol(name, "ipopt", {"x": nlp.x, "p": nlp.p, "f": nlp.f, "g": g}, options)
 
     def solve(
@@ -194,6 +224,8 @@ class Solver:
         ------
         ValueError
             If the parameters are not finite, of the wrong number, or make bounds cross.
+        KeyboardInterrupt
+            It was interrupted.
 
         """
         began = time.perf_counter()
@@ -245,6 +277,8 @@ class Solver:
 
 
 def _solution(solver: Any, result: Mapping[str, Any], parameters: FloatArray) -> Solution:
+    # What an interrupted solution left is not one.
+    leave_if_interrupted()
     statistics = solver.stats()
     x, g, lam_x, lam_g = (result[name].full().ravel() for name in ("x", "g", "lam_x", "lam_g"))
     objective = float(result["f"])

@@ -9,6 +9,7 @@ import numpy as np
 from kiteocp.cycle.simulation import simulate
 from kiteocp.cycle.summary import channels_of, cycle_summary, phase_summaries, validity_warnings
 from kiteocp.errors import CycleError
+from kiteocp.execution import one_at_a_time
 from kiteocp.ocp.certificate import Level
 from kiteocp.ocp.optimum import OptimalCycle, active_limits, speed_jumps
 from kiteocp.ocp.search import best_of
@@ -17,6 +18,7 @@ from kiteocp.problem import Problem
 from kiteocp.result import Result
 
 
+@one_at_a_time
 def solve(problem: Problem, *, certificate: Level = "full") -> Result:
     """Find the pumping cycle of largest mean power under the limits of a problem.
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from kiteocp.execution import one_at_a_time
 from kiteocp.ocp import certificate as certify
 from kiteocp.ocp.certificate import Certificate, Check, Level
 from kiteocp.ocp.formulation import Formulation, cycle_problem, deferred_rows
@@ -138,6 +139,7 @@ class Optimum:
         return -self.solution.f * SCALES["power"]
 
 
+@one_at_a_time
 def optimise(problem: Problem, *, certificate: Level = "full") -> Optimum:
     """Find and certify the optimal cycle; `kiteocp.ocp.solve` puts it into a result.
 

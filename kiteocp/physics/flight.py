@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 
 from kiteocp.errors import InputError, NoEquilibriumError
+from kiteocp.execution import one_at_a_time
 from kiteocp.physics.equilibrium import OUTPUTS, EquilibriumFunctions, equilibrium_functions
 from kiteocp.physics.parameters import ParameterValues, parameter_values
 from kiteocp.problem import Problem
@@ -72,6 +73,7 @@ class Place:
         )
 
 
+@one_at_a_time
 def flight_state(
     problem: Problem,
     *,

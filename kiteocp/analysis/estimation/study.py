@@ -24,6 +24,7 @@ from kiteocp.analysis.estimation.wind import (
 )
 from kiteocp.analysis.flights import FlightData
 from kiteocp.errors import CycleError, InputError
+from kiteocp.execution import one_at_a_time
 from kiteocp.problem import Problem
 
 FloatArray = NDArray[np.float64]
@@ -36,6 +37,7 @@ WIND_SOURCES: tuple[WindSource, ...] = ("airspeed", "ground", "fit", "problem")
 CREDIBLE = (0.03, 1.6)
 
 
+@one_at_a_time
 def estimate(
     flight: FlightData,
     problem: Problem,

@@ -16,6 +16,7 @@ from kiteocp.analysis.estimation.profile import ground_height
 from kiteocp.analysis.flights import FlightData
 from kiteocp.cycle.phases import KINDS, PHASES, PhaseName
 from kiteocp.errors import InputError
+from kiteocp.execution import one_at_a_time
 from kiteocp.physics.equilibrium import explicit_state
 from kiteocp.physics.model import Model
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values, parameters_of
@@ -70,6 +71,7 @@ class Noise:
 NOISELESS = Noise()
 
 
+@one_at_a_time
 def flight_of_result(
     result: Result,
     *,

@@ -15,6 +15,7 @@ from kiteocp.analysis.flights.measured import measured_cycle
 from kiteocp.analysis.flights.optimum import OptimumStudy, study_optimum
 from kiteocp.analysis.flights.predictions import CycleComparison
 from kiteocp.errors import InputError, SolveError
+from kiteocp.execution import one_at_a_time
 from kiteocp.problem import Problem
 
 #: Share of samples whose recorded course may disagree with the velocity.
@@ -63,6 +64,7 @@ class FlightStudy:
         return mean_wind([cycle.wind.estimate for cycle in self.cycles])
 
 
+@one_at_a_time
 def validate_flight(
     flight: FlightData,
     problem: Problem,

@@ -21,6 +21,7 @@ from kiteocp.analysis.validation.gravity_isolines import GravityIsolines, mass_i
 from kiteocp.analysis.validation.published import CASES, half_units
 from kiteocp.analysis.validation.statements import statements
 from kiteocp.analysis.validation.tables import Comparison, compare
+from kiteocp.execution import one_at_a_time
 from kiteocp.result import Result
 from kiteocp.result.container import to_plain
 
@@ -135,6 +136,7 @@ class PaperValidation:
         }
 
 
+@one_at_a_time
 def validate_paper(progress: Callable[[int, int], None] | None = None) -> PaperValidation:
     """Compute the paper's results section from the two shipped problem files.
 
