@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -94,7 +95,10 @@ def conclude(
     InputError
         If a picture or standard output cannot be written.
     """
-    say(json.dumps(result.summary(), indent=2, ensure_ascii=False) if arguments.json else report(result))
+    # What went wrong goes to standard error, below, and is not said twice.
+    details = {key: value for key, value in result.details.items() if result.succeeded or key != "message"}
+    shown = replace(result, details=details)
+    say(json.dumps(result.summary(), indent=2, ensure_ascii=False) if arguments.json else report(shown))
     try:
         # A calculation that failed holds no numbers, and so nothing to draw.
         if arguments.plot and (result.channels or "sensitivities" in result.details):

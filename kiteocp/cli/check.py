@@ -1,4 +1,4 @@
-"""Check problem files without computing anything: keys, types, ranges, and what is worth a warning."""
+"""Check problem files without computing a cycle: keys, types, ranges, and what is worth a warning."""
 
 from __future__ import annotations
 
@@ -36,9 +36,19 @@ def run(arguments: argparse.Namespace) -> int:
             status = error.exit_status
             continue
         say(f"{name}: ok\n  {key_facts(problem)}")
-        for warning in problem.warnings():
+        for warning in [*problem.warnings(), *_impossible(problem)]:
             say(f"  warning: {warning}")
     return status
+
+
+def _impossible(problem: Problem) -> list[str]:
+    """Say why no cycle can exist, where that is known without looking for one."""
+    # Not before every mistake of the file is said: this loads CasADi.
+    from kiteocp.cycle.weight import uncarried_weight  # noqa: PLC0415
+    from kiteocp.physics.parameters import parameter_values  # noqa: PLC0415
+
+    weight = uncarried_weight(parameter_values(problem), problem.optimisation.power_setting)
+    return [] if weight is None else [weight.sentence]
 
 
 def key_facts(problem: Problem) -> str:

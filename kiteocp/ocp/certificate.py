@@ -7,14 +7,16 @@ of the program are here, those of the cycle it stands for in `kiteocp.ocp.cycle_
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from types import MappingProxyType
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
+from kiteocp.cycle.remedies import listed
 from kiteocp.ocp.check import Check, Level
 from kiteocp.ocp.cycle_checks import (
     ELEVATION_TOLERANCE_DEG,
@@ -109,9 +111,10 @@ def objective_of(program: NonlinearProgram) -> ca.Function:
     return ca.Function("objective", [program.x, program.p], [program.f])
 
 
-def solver_check(solution: Solution) -> Check:
-    """Check what the solver says of itself."""
-    text = f"IPOPT: {solution.status} after {solution.iterations} iterations"
+def solver_check(solution: Solution, mesh: str | None = None) -> Check:
+    """Check what the solver says of itself, on the mesh of this name."""
+    where = f" on mesh {mesh}" if mesh is not None else ""
+    text = f"IPOPT: {solution.status}{where} after {solution.iterations} iterations"
     return Check("solver", solution.success, None, None, text)
 
 
@@ -143,8 +146,16 @@ def mesh_check(powers_W: Sequence[float], meshes: Sequence[str]) -> Check:
     return Check("mesh", bool(change <= MESH_TOLERANCE), change, MESH_TOLERANCE, text)
 
 
-def starts_check(powers_W: Sequence[float | None]) -> Check:
-    """Count the local optima that the starts led to."""
+def starts_check(powers_W: Sequence[float | None], failed: Mapping[str, str] = MappingProxyType({})) -> Check:
+    """Count the local optima that the starts led to.
+
+    Parameters
+    ----------
+    powers_W
+        Mean power that each start led to; None where it led to no optimum.
+    failed
+        Starts that led to no optimum, and IPOPT's word for how each of them ended.
+    """
     reached = [power for power in powers_W if power is not None]
     optima: list[float] = []
     for power in sorted(reached, reverse=True):
@@ -155,4 +166,6 @@ def starts_check(powers_W: Sequence[float | None]) -> Check:
     text = f"{len(reached)} of {len(powers_W)} starts led to {len(optima)} local {word}"
     if len(optima) > 1 and spread is not None:
         text += f", {100 * spread:.2g} % apart in power; the best is kept"
+    if failed:
+        text += "; none from " + listed([f"'{start}' ({status})" for start, status in failed.items()], "and")
     return Check("starts", None if reached else False, spread, None, text)

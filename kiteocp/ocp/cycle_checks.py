@@ -100,6 +100,9 @@ def limits_check(margins: Sequence[LimitMargin]) -> Check:
     violation = max(-worst.margin, 0.0) if np.isfinite(worst.margin) else None
     if passed and worst.margin >= -1e-6:
         text = f"all {len(margins)} limits are kept, between the mesh points too"
+    elif violation is None:
+        # Any limit would do: where there is no state, none of its quantities is a number.
+        text = f"in the {worst.phase} there is no steady flight between some mesh points, and no limit to compare"
     else:
         allowed = f"{100 * MARGIN_TOLERANCE:g} % allowed"
         text = f"worst: {worst.key} exceeded by {-100 * worst.margin:.2g} % in the {worst.phase} ({allowed})"
@@ -132,8 +135,9 @@ def resimulation_check(
     try:
         flown = cycle.resimulate()
     except CycleError as error:
-        facts = {"completed": False, "message": str(error)}
-        return Check("re-simulation", False, None, tolerance, str(error)), None, facts
+        text = f"the optimal schedule cannot be flown, its {error.phase} ends {error.cause}"
+        facts = {"completed": False, "message": text}
+        return Check("re-simulation", False, None, tolerance, text), None, facts
     energy = sum(phase.energy_J for phase in flown)
     last, transition = cycle.records[-1], cycle.records[1]
     stroke = float(last.tether_length_m[-1] - last.tether_length_m[0])

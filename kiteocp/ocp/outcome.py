@@ -17,6 +17,14 @@ from kiteocp.ocp.solution import Optimum, optimise
 from kiteocp.problem import Problem
 from kiteocp.result import Result
 
+#: An optimum is called degenerate where its stroke is less than this share of what the limits allow (those of useful
+#: cycles are a third or more) ...
+DEGENERATE_STROKE_SHARE = 0.1
+
+#: ... and retraction and transition together are shorter than three changes of phase at their default of 2 s each: the
+#: model has steady flight only, and there is hardly any.
+DEGENERATE_TIME_S = 6.0
+
 
 @one_at_a_time
 def solve(problem: Problem, *, certificate: Level = "full") -> Result:
@@ -60,11 +68,17 @@ def result_of(optimum: Optimum, total_time_s: float) -> Result:
     summary = cycle_summary(values, phases, traction_altitude_m=altitude, phase_change_time_s=pause)
     solver_time = sum(attempt.solution.time_s for attempt in optimum.attempts)
     best = best_of(optimum.attempts)
+    prescribed, unflown = prescribed_cycle(problem)
     return Result(
         verb="solve",
         problem=problem,
         status=optimum.certificate.status,
-        warnings=tuple([*validity_warnings(cycle.records, values), *jump_warnings(cycle)]),
+        warnings=(
+            *validity_warnings(cycle.records, values),
+            *jump_warnings(cycle),
+            *degeneracy_warnings(cycle),
+            *([] if unflown is None else [f"no comparison: {unflown}"]),
+        ),
         phases=phases,
         cycle=dict(summary),
         channels=channels_of(cycle.records, values, pause),
@@ -95,9 +109,10 @@ def result_of(optimum: Optimum, total_time_s: float) -> Result:
             ],
             "active_limits": active_limits(cycle),
             "speed_jumps": speed_jumps(cycle.records, values),
+            **({} if unflown is None else {"prescribed_message": unflown}),
             **optimum.facts,
         },
-        prescribed=prescribed_cycle(problem),
+        prescribed=prescribed,
     )
 
 
@@ -112,9 +127,31 @@ def jump_warnings(cycle: OptimalCycle) -> list[str]:
     ]
 
 
-def prescribed_cycle(problem: Problem) -> Result | None:
-    """Simulate the prescribed cycle of the same problem, with the optimum's phase-change time in its means."""
+def degeneracy_warnings(cycle: OptimalCycle) -> list[str]:
+    """Say where the optimum hardly is a pumping cycle: a small share of the stroke, reeled in within moments."""
+    values, (retraction, transition, traction) = cycle.values, cycle.records
+    stroke = float(traction.tether_length_m[-1] - traction.tether_length_m[0])
+    allowed = values["limits.tether_length_max_m"] - values["limits.tether_length_min_m"]
+    inwards = retraction.duration_s + transition.duration_s
+    if stroke >= DEGENERATE_STROKE_SHARE * allowed or inwards >= DEGENERATE_TIME_S:
+        return []
+    return [
+        f"the optimum is degenerate: its stroke of {stroke:.3g} m is {100 * stroke / allowed:.2g} % of the "
+        f"{allowed:.4g} m that the limits allow, and retraction and transition together take {inwards:.2g} s; most "
+        "of such a cycle is change of phase, which the model leaves out. The wind hardly carries a cycle here; "
+        "limits.stroke_min_m asks for a longer one"
+    ]
+
+
+def prescribed_cycle(problem: Problem) -> tuple[Result | None, str | None]:
+    """Simulate the prescribed cycle of the same problem, with the optimum's phase-change time in its means.
+
+    Returns
+    -------
+    result, message
+        One of them is None: the message says why the cycle cannot be flown, and so has no result.
+    """
     try:
-        return simulate(problem, phase_change_time_s=problem.limits.phase_change_time_s)
-    except CycleError:
-        return None
+        return simulate(problem, phase_change_time_s=problem.limits.phase_change_time_s), None
+    except CycleError as error:
+        return None, f"{error}; kiteocp simulate says with which numbers it would fly"

@@ -105,10 +105,14 @@ def _rescue(solver: Solver, values: ParameterValues, formulation: Formulation) -
         Limits are in conflict.
     """
     # Imported where it is needed, which is seldom: `kiteocp solve` starts sooner without.
+    from kiteocp.cycle.weight import uncarried_weight  # noqa: PLC0415
     from kiteocp.ocp.infeasibility import explain  # noqa: PLC0415
     from kiteocp.ocp.reliefs import penalised_optimum  # noqa: PLC0415
 
     program = solver.program
+    weight = uncarried_weight(values, formulation.power_setting)
+    if weight is not None:
+        raise InfeasibleError(weight.sentence, weight.to_dict())
     found = explain(values, formulation)
     if found.start is not None:
         attempt = Attempt("elastic", solver.solve(program.pack(found.start), values.vector))

@@ -78,6 +78,8 @@ class MeshSolution:
             "points": self.formulation.points,
             "shortest_interval_s": self.shortest_interval_s,
             "mean_power_W": self.mean_power_W,
+            "iterations": self.solution.iterations,
+            "time_s": self.solution.time_s,
         }
 
     def errors(self, values: ParameterValues) -> dict[str, IntervalErrors]:
@@ -216,7 +218,7 @@ def _judged(
     resimulation, flown, facts = certify.resimulation_check(cycle, level)
     margins = certify.limit_margins(cycle, flown)
     checks = [
-        certify.solver_check(solution),
+        certify.solver_check(solution, meshes[-1].name),
         certify.kkt_check(solver.program, solution),
         certify.limits_check(margins),
         resimulation,
@@ -226,7 +228,8 @@ def _judged(
         checks.insert(2, certify.objective_check(-solution.f * SCALES["power"], cycle))
     if level == "full":
         checks.append(_mesh_check(meshes, values))
-    checks.append(certify.starts_check([attempt.mean_power_W for attempt in attempts]))
+    failed = {attempt.start: attempt.solution.status for attempt in attempts if not attempt.solution.success}
+    checks.append(certify.starts_check([attempt.mean_power_W for attempt in attempts], failed))
     checks.append(certify.jumps_check(cycle, problem.optimisation.speed_jumps == "limited"))
     return Optimum(
         problem,

@@ -104,6 +104,30 @@ def radial_ground_force_flying_down(model: Model, around: Surroundings, reeling_
     return ca.if_else(around.wind.radial > reeling_speed, radial, -np.inf)
 
 
+def weight_share_flying_up(model: Model, around: Surroundings, radial_wind: Any, share_of_angle: Any) -> Any:
+    """Share of the weight across the tether that a kite flying straight up carries, its tether pulling at the ground.
+
+    With delta the angle of force and apparent wind and epsilon that of the force to the tether, the apparent wind is
+    at ``delta - epsilon`` to the tether: the force ``K / cos(delta - epsilon)^2`` follows, K being that of the radial
+    wind alone, and ``sin(epsilon)`` of it is across the tether. The tether does not push, so epsilon is at most the
+    angle of the weight to the tether. A state exists where the share is one for some epsilon; where it is less than
+    one for all, there is none, whatever the force.
+
+    Parameters
+    ----------
+    model, around
+        The model, and its surroundings on a course straight up in the plane of the wind.
+    radial_wind
+        Wind along the tether less the reeling speed, m/s; at least zero.
+    share_of_angle
+        The angle epsilon as a share, 0 to 1, of the largest that it can have.
+    """
+    delta = ca.atan2(around.lift_coefficient, around.drag_coefficient)
+    epsilon = share_of_angle * ca.fmin(delta, ca.atan2(around.weight_across, around.weight_along))
+    force = model.aerodynamic_force(around, radial_wind) / ca.cos(delta - epsilon) ** 2
+    return force * ca.sin(epsilon) / around.weight_across
+
+
 def paper_iteration(
     model: Model, position: Position, around: Surroundings, reeling_factor: Any, iterations: int = 200
 ) -> Any:

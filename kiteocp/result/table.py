@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from kiteocp.result.channels import DIMENSIONLESS, unit_of
@@ -39,7 +39,7 @@ def format_result(result: Result) -> str:
         lines += ["", *_format_cycles(result), "", *_format_facts(result)]
     lines += _format_active_limits(result.details.get("active_limits") or {})
     if solver := result.details.get("solver"):
-        lines.append(f"solver: {_format_solver(solver)}")
+        lines.append(f"solver: {_format_solver(solver, result.details.get('meshes') or [])}")
     lines += _format_certificate(result.details.get("certificate") or {})
     lines += [f"warning: {text}" for text in result.warnings]
     return "\n".join(lines)
@@ -168,7 +168,8 @@ def _format_certificate(certificate: Mapping[str, Any]) -> list[str]:
     return [f"certificate ({certificate.get('level')}): {verdict}", *lines]
 
 
-def _format_solver(solver: Mapping[str, Any]) -> str:
+def _format_solver(solver: Mapping[str, Any], meshes: Sequence[Mapping[str, Any]]) -> str:
+    """Say what the best start took on the mesh of the problem file, then what each finer mesh took from there."""
     parts = [str(solver.get("status", "unknown status"))]
     if (iterations := solver.get("iterations")) is not None:
         parts.append(f"{iterations} iterations")
@@ -179,6 +180,8 @@ def _format_solver(solver: Mapping[str, Any]) -> str:
     if (starts := solver.get("starts")) is not None:
         count = starts if isinstance(starts, int) else len(starts)
         parts.append(f"{count} start{'' if count == 1 else 's'}")
+    if further := [str(mesh["iterations"]) for mesh in meshes[1:] if mesh.get("iterations") is not None]:
+        parts.append(f"then {' and '.join(further)} iterations on finer meshes")
     return ", ".join(parts)
 
 
