@@ -102,7 +102,7 @@ class PhaseBuilder:
         elif mode == "free":
             controls = [Variable("elevation_rate", -rate_max, rate_max, 0.01)]
         elif mode == "course-coupled":
-            controls = [Variable("course", 0.0, np.pi)]
+            controls = [Variable("course", 0.0, np.pi, continuous=True)]
         fixed = {static.name: static.symbol for static in statics}
 
         def model(point: Point) -> PointExpressions:
@@ -137,14 +137,16 @@ class PhaseBuilder:
     ) -> Phase:
         """Declare what all phases share: tether length, force, inflow angle, and the acceleration of the winch."""
         acceleration = self.parameters["limits.reeling_acceleration_max_m_s2"]
-        controls = [Variable("radial_ground_force", 0.0, np.inf, SCALES["radial_ground_force"]), *(controls or [])]
+        # What the reeling speed depends on must not jump, or the speed would.
+        force = Variable("radial_ground_force", 0.0, np.inf, SCALES["radial_ground_force"], continuous=True)
+        controls = [force, *(controls or [])]
         if self.formulation.schedules_power_setting(kind):
-            controls.append(Variable("power_setting", 0.0, 1.0))
+            controls.append(Variable("power_setting", 0.0, 1.0, continuous=True))
         return Phase(
             kind.name,
             duration=duration,
             states=[self.variable("tether_length", kind), *states],
-            algebraics=[Variable("inflow_angle", *INFLOW_ANGLE)] if self.implicit else [],
+            algebraics=[Variable("inflow_angle", *INFLOW_ANGLE, continuous=True)] if self.implicit else [],
             controls=controls,
             model=model,
             rate_limits=[
