@@ -29,8 +29,8 @@ from kiteocp.physics.parameters import ParameterValues, Structure, parameters_of
 #: What a schedule may give; the first is always given, the others where the phase does not prescribe them.
 SCHEDULED = ("radial_ground_force", "power_setting", "elevation_rate", "course")
 
-#: Highest polynomial degree of a piece plus one.
-COEFFICIENTS = 8
+#: Highest polynomial degree of a piece plus one: a continuous control has the degree of the mesh, nine at most.
+COEFFICIENTS = 10
 
 
 @dataclass(frozen=True)

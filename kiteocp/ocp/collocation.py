@@ -8,6 +8,8 @@ References
 ----------
 .. [1] E. Hairer and G. Wanner, *Solving Ordinary Differential Equations II*, Springer, 1996, section IV.5.
 .. [2] J.-P. Berrut and L. N. Trefethen, "Barycentric Lagrange interpolation", SIAM Review 46 (2004) 501-517.
+.. [3] R. T. Farouki, "The Bernstein polynomial basis: a centennial retrospective", Computer Aided Geometric Design 29
+   (2012) 379-419.
 
 """
 
@@ -16,6 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
+from math import comb
 
 import numpy as np
 from numpy.polynomial import legendre
@@ -127,6 +130,38 @@ def differentiation_matrix(degree: int) -> FloatArray:
     return _frozen(matrix[1:])
 
 
+@cache
+def continuous_nodes(degree: int, first: bool) -> FloatArray:
+    """Nodes on [0, 1] of a continuous curve in one interval: its points, and the end of the interval before.
+
+    The first interval of a phase has none before it.
+    """
+    points = radau_points(degree)
+    return points if first else _frozen(np.concatenate(([0.0], points)))
+
+
+@cache
+def slope_bounds_matrix(degree: int, first: bool) -> FloatArray:
+    """Matrix from values at `continuous_nodes` to the Bernstein coefficients of the slope of their polynomial.
+
+    A polynomial lies between the least and the largest of its Bernstein coefficients [3]_: where these are within
+    bounds the slope is within them everywhere in the interval, not only at its points.
+
+    Returns
+    -------
+    ndarray, shape (len(nodes) - 1, len(nodes))
+        Per unit of interval.
+
+    """
+    nodes = continuous_nodes(degree, first)
+    order = nodes.size - 1
+    basis = [
+        [comb(order, k) * node**k * (1.0 - node) ** (order - k) for k in range(order + 1)] for node in nodes.tolist()
+    ]
+    # The slope has the differences of a polynomial's Bernstein coefficients, times its degree, for its own.
+    return _frozen(order * np.diff(np.linalg.inv(np.array(basis)), axis=0))
+
+
 @dataclass(frozen=True)
 class PhaseMesh:
     """How one phase is divided: a polynomial degree and the share of each interval.
@@ -220,6 +255,25 @@ class PhaseMesh:
 
         """
         return self._piecewise_matrix(fractions, radau_points(self.degree), self.points.size)
+
+    def continuous_matrix(self, fractions: ArrayLike) -> FloatArray:
+        """Like `control_matrix`, for a curve without jumps.
+
+        Each interval has the polynomial of degree `degree` through its points and the end of the interval before; the
+        first one has none before it, and the polynomial of degree ``degree - 1`` through its points.
+
+        Returns
+        -------
+        ndarray, shape (len(fractions), intervals * degree)
+
+        """
+        wanted = np.atleast_1d(np.asarray(fractions, dtype=float))
+        later = wanted > self.borders[1]
+        matrix = np.empty((wanted.size, self.points.size))
+        matrix[~later] = self.control_matrix(wanted[~later])
+        # A node at the start of the phase, where the first interval has none, does not touch the later intervals.
+        matrix[later] = self.state_matrix(wanted[later])[:, 1:]
+        return matrix
 
     def _piecewise_matrix(self, fractions: ArrayLike, nodes: FloatArray, columns: int) -> FloatArray:
         """Place the interpolation matrix of every interval in its columns."""

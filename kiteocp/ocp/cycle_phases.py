@@ -42,6 +42,9 @@ CONSTRAINED = (
     "inflow_angle",
 )
 
+#: Algebraics and controls that the reeling speed depends on: where they jump inside a phase, the speed would.
+CONTINUOUS = frozenset({"inflow_angle", "radial_ground_force", "power_setting", "course"})
+
 
 class PhaseBuilder:
     """The phases of one problem, which share model, parameters and limits.
@@ -69,7 +72,7 @@ class PhaseBuilder:
         if name == "elevation" and phase is not TRACTION:
             # No limit of its own: the lowest height, which is not below the ground, implies it.
             lower = 0.0
-        return Variable(name, lower, upper, SCALES[name])
+        return Variable(name, lower, upper, SCALES[name], continuous=name in CONTINUOUS)
 
     def plane_phase(self, kind: PhaseKind) -> Phase:
         """Retraction or transition: straight up or down in the plane of the wind."""

@@ -122,7 +122,7 @@ class Phase:
         Have a value at each collocation point. The two differ in name only: algebraics are meant to be determined
         by the residuals.
     rate_limits
-        Bounds on difference quotients inside the phase.
+        Bounds on slopes in time inside the phase.
 
     Attributes
     ----------

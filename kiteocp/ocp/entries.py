@@ -41,6 +41,10 @@ class Variable:
         Bounds in physical units: numbers (infinite allowed) or ``SX`` expressions of the problem's parameters.
     scale
         Typical magnitude; the solver sees value / scale.
+    continuous
+        Of an algebraic or a control: between the points it follows a curve without jumps
+        (`kiteocp.ocp.collocation.PhaseMesh.continuous_matrix`); otherwise it may jump at the borders of intervals. The
+        values at the points are free in either case.
 
     """
 
@@ -48,6 +52,7 @@ class Variable:
     lower: Expression = -math.inf
     upper: Expression = math.inf
     scale: float = 1.0
+    continuous: bool = False
 
     def __post_init__(self) -> None:
         _require_scale(f"variable '{self.name}'", self.scale)
@@ -94,7 +99,11 @@ class PathConstraint:
 
 @dataclass(frozen=True)
 class RateLimit:
-    """Bounds on the difference quotient of a quantity between consecutive collocation points of a phase.
+    """Bounds on the slope of a quantity in time, anywhere in a phase.
+
+    What is bounded is the slope of the continuous curve through the values at the collocation points
+    (`kiteocp.ocp.collocation.slope_bounds_matrix`). Of an output it says as much as that curve follows the output
+    between the points: the variables that it depends on have to be continuous.
 
     Attributes
     ----------

@@ -11,7 +11,8 @@ import numpy as np
 from kiteocp.cycle.phases import PHASES, FlownPhase, PhaseName
 from kiteocp.cycle.schedule import SCHEDULED, Schedule, fly_schedule, outputs_on_schedule
 from kiteocp.cycle.summary import PhaseRecord
-from kiteocp.ocp.collocation import radau_points
+from kiteocp.ocp.collocation import continuous_nodes, radau_points
+from kiteocp.ocp.entries import Variable
 from kiteocp.ocp.limits import limits_of
 from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.nlpsolver import Solution
@@ -79,17 +80,26 @@ class OptimalCycle:
 def schedule_of(trajectory: Trajectory, name: PhaseName) -> Schedule:
     """Read the schedule of a phase off a solution: the polynomial of every control in every mesh interval."""
     phase = trajectory[name]
-    count, degree = phase.mesh.intervals, phase.mesh.degree
-    inverse = np.linalg.inv(np.vander(radau_points(degree), increasing=True))
-    controls = {variable.name for variable in phase.phase.controls}
+    controls = {variable.name: variable for variable in phase.phase.controls}
     coefficients = {
-        quantity: phase.values[quantity].reshape(count, degree) @ inverse.T
-        for quantity in SCHEDULED
-        if quantity in controls
+        quantity: _coefficients(phase, controls[quantity]) for quantity in SCHEDULED if quantity in controls
     }
     if name == "traction" and "elevation_rate" in trajectory.statics:
-        coefficients["elevation_rate"] = np.full((count, 1), trajectory.statics["elevation_rate"])
+        coefficients["elevation_rate"] = np.full((phase.mesh.intervals, 1), trajectory.statics["elevation_rate"])
     return Schedule(name, phase.mesh.borders * phase.duration, coefficients)
+
+
+def _coefficients(phase: PhaseTrajectory, control: Variable) -> np.ndarray:
+    """Coefficients of a control's polynomials, lowest first, in the share of the interval; shape (intervals, n)."""
+    mesh, values = phase.mesh, phase.values[control.name]
+    within = values.reshape(mesh.intervals, mesh.degree)
+    inside = within @ np.linalg.inv(np.vander(radau_points(mesh.degree), increasing=True)).T
+    if not control.continuous:
+        return np.asarray(inside, dtype=np.float64)
+    coefficients = np.column_stack([inside, np.zeros(mesh.intervals)])
+    before = np.column_stack([within[:-1, -1], within[1:]])
+    coefficients[1:] = before @ np.linalg.inv(np.vander(continuous_nodes(mesh.degree, False), increasing=True)).T
+    return coefficients
 
 
 def _record(values: ParameterValues, trajectory: Trajectory, schedule: Schedule) -> PhaseRecord:

@@ -93,9 +93,10 @@ class PhaseTrajectory:
     def evaluate(self, fractions: ArrayLike) -> dict[str, FloatArray]:
         """Every quantity at any fractions of the phase.
 
-        States follow the collocation polynomial through interval start and points, algebraics and controls the
-        polynomial through the points of the interval (so they may jump at its borders, and at the phase start they
-        are extrapolated); outputs are the model's at these values.
+        States follow the collocation polynomial through interval start and points. Algebraics and controls follow the
+        polynomial through the points of the interval, so that they may jump at its borders; a continuous one passes
+        through the end of the interval before as well. At the phase start both are extrapolated. Outputs are the
+        model's at these values.
 
         Parameters
         ----------
@@ -137,11 +138,10 @@ class PhaseTrajectory:
 
     def _interpolate(self, wanted: FloatArray) -> dict[str, FloatArray]:
         """States, algebraics and controls at `wanted`."""
-        state_matrix, control_matrix = self.mesh.state_matrix(wanted), self.mesh.control_matrix(wanted)
-        result = {v.name: state_matrix @ self.values[v.name] for v in self.phase.states}
-        return result | {
-            v.name: control_matrix @ self.values[v.name] for v in (*self.phase.algebraics, *self.phase.controls)
-        }
+        phase, state_matrix = self.phase, self.mesh.state_matrix(wanted)
+        matrices = {False: self.mesh.control_matrix(wanted), True: self.mesh.continuous_matrix(wanted)}
+        result = {v.name: state_matrix @ self.values[v.name] for v in phase.states}
+        return result | {v.name: matrices[v.continuous] @ self.values[v.name] for v in (*phase.algebraics, *phase.controls)}
 
     def _call(self, wanted: FloatArray, unknowns: Mapping[str, FloatArray]) -> list[FloatArray]:
         """Evaluate derivatives, residuals, constraints and outputs of the model at `wanted`, one row per quantity."""
@@ -153,13 +153,20 @@ class PhaseTrajectory:
 
     def guess(self) -> PhaseGuess:
         """Return this phase as a start for any mesh."""
-        names = [v.name for v in (*self.phase.states, *self.phase.algebraics, *self.phase.controls)]
-        return PhaseGuess(self.duration, {name: partial(self._profile, name) for name in names})
+        phase, mesh = self.phase, self.mesh
+        profiles: dict[str, Profile] = {
+            v.name: partial(self._profile, v.name, mesh.state_matrix) for v in phase.states
+        }
+        for v in (*phase.algebraics, *phase.controls):
+            profiles[v.name] = partial(
+                self._profile, v.name, mesh.continuous_matrix if v.continuous else mesh.control_matrix
+            )
+        return PhaseGuess(self.duration, profiles)
 
-    def _profile(self, name: str, fractions: FloatArray) -> FloatArray:
-        state = name in {v.name for v in self.phase.states}
-        matrix = self.mesh.state_matrix(fractions) if state else self.mesh.control_matrix(fractions)
-        return np.asarray(matrix @ self.values[name], dtype=np.float64)
+    def _profile(
+        self, name: str, matrix: Callable[[ArrayLike], FloatArray], fractions: FloatArray
+    ) -> FloatArray:
+        return np.asarray(matrix(fractions) @ self.values[name], dtype=np.float64)
 
 
 @dataclass(frozen=True)

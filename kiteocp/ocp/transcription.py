@@ -50,7 +50,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from kiteocp.ocp.collocation import PhaseMesh, differentiation_matrix
+from kiteocp.ocp.collocation import PhaseMesh, differentiation_matrix, slope_bounds_matrix
 from kiteocp.ocp.declaration import (
     Expression,
     Link,
@@ -140,8 +140,8 @@ def transcribe(problem: OptimalControlProblem, mesh: Mapping[str, PhaseMesh]) ->
     """Discretise a problem by Radau collocation.
 
     States have a value at the phase start and at each collocation point, algebraics and controls at each collocation
-    point. Rows come phase by phase, point by point: defects (dynamics), residuals, path constraints, rate limits;
-    the links last.
+    point. Rows come phase by phase, interval by interval: point by point defects (dynamics), residuals and path
+    constraints, then the rate limits of the interval; the links last.
 
     Parameters
     ----------
@@ -230,7 +230,8 @@ def _transcribe_phase(
         for j, result in enumerate(results):
             defect = slopes[:, j] - width * duration * result[0]
             place = interval * mesh.degree + j, mesh
-            _add_point_rows(rows, phase, place, (defect, result), (quantities, duration))
+            _add_point_rows(rows, phase, place, (defect, result))
+        _add_rate_rows(rows, phase, (interval, mesh), (quantities, duration))
     layout = PhaseLayout(duration_index, *(np.array(p, dtype=np.intp).T for p in places.values()))
     integrals = duration * (ca.horzcat(*quantities) @ mesh.weights)
     symbols, values = [phase.duration], [duration]
@@ -247,25 +248,42 @@ def _transcribe_phase(
     return layout, symbols, values
 
 
-def _add_point_rows(
-    rows: _Entries, phase: Phase, place: tuple[int, PhaseMesh], point: tuple[Any, Any], so_far: tuple[list[Any], Any]
-) -> None:
-    """Add defects, residuals, path constraints and rate limits of one collocation point (index from 0)."""
-    (index, mesh), (defect, (_, residuals, constraints, _)), (quantities, duration) = place, point, so_far
-
-    def label(kind: str, of: Sequence[Variable | Residual | PathConstraint | RateLimit]) -> list[Label]:
-        fraction = float(mesh.points[index])
-        return [Label(kind, declared.name, declared.scale, phase.name, index + 1, fraction) for declared in of]
-
-    rows.append_equations(defect, label("defect", phase.states))
-    rows.append_equations(residuals, label("residual", phase.expressions.residuals))
+def _add_point_rows(rows: _Entries, phase: Phase, place: tuple[int, PhaseMesh], point: tuple[Any, Any]) -> None:
+    """Add defects, residuals and path constraints of one collocation point (index from 0)."""
+    (index, mesh), (defect, (_, residuals, constraints, _)) = place, point
     paths = phase.expressions.constraints
-    rows.append(constraints, paths, label("path", paths))
-    if index > 0 and phase.rate_limits:
-        step = float(mesh.points[index] - mesh.points[index - 1]) * duration
-        chosen = [phase.quantities.index(limit.quantity) for limit in phase.rate_limits]
-        rates = (quantities[index][chosen] - quantities[index - 1][chosen]) / step
-        rows.append(rates, phase.rate_limits, label("rate", phase.rate_limits))
+    rows.append_equations(defect, _point_labels("defect", phase, mesh, index, phase.states))
+    rows.append_equations(residuals, _point_labels("residual", phase, mesh, index, phase.expressions.residuals))
+    rows.append(constraints, paths, _point_labels("path", phase, mesh, index, paths))
+
+
+def _add_rate_rows(
+    rows: _Entries, phase: Phase, place: tuple[int, PhaseMesh], so_far: tuple[list[Any], Any]
+) -> None:
+    """Add the rate limits of one interval: as many rows as steps between its points and from the interval before."""
+    (interval, mesh), (quantities, duration) = place, so_far
+    if not phase.rate_limits:
+        return
+    matrix = slope_bounds_matrix(mesh.degree, interval == 0)
+    steps, nodes = matrix.shape
+    chosen = [phase.quantities.index(limit.quantity) for limit in phase.rate_limits]
+    values = ca.horzcat(*(point[chosen] for point in quantities[-nodes:]))
+    rates = (values @ matrix.T) / (mesh.interval_fractions[interval] * duration)
+    for step in range(steps):
+        index = len(quantities) - steps + step
+        rows.append(rates[:, step], phase.rate_limits, _point_labels("rate", phase, mesh, index, phase.rate_limits))
+
+
+def _point_labels(
+    kind: str,
+    phase: Phase,
+    mesh: PhaseMesh,
+    index: int,
+    of: Sequence[Variable | Residual | PathConstraint | RateLimit],
+) -> list[Label]:
+    """Label the rows of a collocation point (index from 0)."""
+    fraction = float(mesh.points[index])
+    return [Label(kind, declared.name, declared.scale, phase.name, index + 1, fraction) for declared in of]
 
 
 def _column(expressions: Sequence[Expression]) -> Any:
