@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -17,8 +18,8 @@ from kiteocp.problem.uncertainty import Uncertainty
 #: Quantiles that are told, in percent.
 QUANTILES = (5, 50, 95)
 
-#: Bars of the histogram.
-BINS = 24
+#: Bars of the histogram at most; fewer where there are few samples, the square root of their number.
+MOST_BINS = 24
 
 #: Every status a sample and a kept schedule can have, so that zeros are told too.
 STATUSES = ("solved", "infeasible", "failed", "invalid")
@@ -108,7 +109,7 @@ def _distribution(powers: Sequence[float]) -> dict[str, Any]:
 def _histogram(powers: Sequence[float]) -> dict[str, list[float]]:
     if not powers:
         return {"edges_W": [], "counts": []}
-    counts, edges = np.histogram(powers, bins=BINS)
+    counts, edges = np.histogram(powers, bins=min(math.ceil(math.sqrt(len(powers))), MOST_BINS))
     return {"edges_W": [float(edge) for edge in edges], "counts": [int(count) for count in counts]}
 
 

@@ -87,6 +87,16 @@ class LocalStudy:
         return np.asarray(-SCALES["power"] * self.derivatives.objective + 0.0)
 
     @cached_property
+    def gradient_alone(self) -> FloatArray:
+        """The same with the keys held that follow by default, shape (keys,)."""
+        return np.asarray(np.linalg.solve(self.directions.T, self.gradient) + 0.0)
+
+    def followers(self, column: int) -> tuple[str, ...]:
+        """Return the keys that follow a key by default and have an influence of their own."""
+        moved = np.flatnonzero(self.directions[:, column] * self.gradient_alone)
+        return tuple(self.keys[index] for index in moved if index != column)
+
+    @cached_property
     def sides(self) -> tuple[FloatArray, FloatArray]:
         """Derivative of the optimal mean power below and above each key; infinite where there is no cycle."""
         below, above = one_sided(self.method, self.sharp, self.derivatives, self.directions)

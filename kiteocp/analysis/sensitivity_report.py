@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from kiteocp.cycle.remedies import listed
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.result import Result
 
@@ -60,6 +61,9 @@ _WORDS: dict[str, str] = {
 #: A share of the power, per 1 % of a key, below which a derivative is not worth a line.
 _NOTHING = 1e-9
 
+#: A change of a derivative, as a share of it, from which on keys that follow by default are named beside it.
+_FOLLOWS = 1e-3
+
 #: Keys whose derivative has a sign that everybody expects, with that sign and why the optimum may have the other.
 _EXPECTED: dict[str, tuple[float, str]] = {
     "kite.mass_kg": (
@@ -81,7 +85,12 @@ _FORCE_RULES = "limits.tether_force_max_N rules the traction, and"
 _OTHER_RULES = "a limit rules (see the shadow prices), and"
 
 
-def shadow_prices(keys: Sequence[str], prices: Mapping[str, FloatArray]) -> list[dict[str, Any]]:
+def shadow_prices(
+    keys: Sequence[str],
+    prices: Mapping[str, FloatArray],
+    alone: FloatArray,
+    followers: Callable[[int], Sequence[str]],
+) -> list[dict[str, Any]]:
     """Return what each limit that presses is worth, by phase.
 
     Parameters
@@ -91,6 +100,10 @@ def shadow_prices(keys: Sequence[str], prices: Mapping[str, FloatArray]) -> list
     prices
         Derivative of the optimal mean power through each phase, W per unit of each key, shape (keys,); ``cycle`` is
         what does not act through a bound of one phase.
+    alone
+        The same through all of the cycle, with the keys held that follow by default, shape (keys,).
+    followers
+        From the place of a key to the keys that follow it by default.
     """
     rows = []
     for column, key in enumerate(keys):
@@ -105,16 +118,26 @@ def shadow_prices(keys: Sequence[str], prices: Mapping[str, FloatArray]) -> list
         name = key.removeprefix("limits.")
         units = (unit for unit in sorted(_AMOUNTS, key=len)[::-1] if name.endswith(f"_{unit}"))
         amount, written = _AMOUNTS.get(next(units, ""), _RATIO_AMOUNT)
-        verb = "is worth" if total >= 0.0 else "costs"
+        text = f"{written} {_WORDS.get(name, name)} {_worth(amount * total)}"
+        held = float(alone[column])
+        if abs(held - total) > _FOLLOWS * max(abs(held), abs(total)):
+            names = followers(column)
+            follow, these = ("follows", "that") if len(names) == 1 else ("follow", "these")
+            text += f", as {listed(names, 'and')} {follow} it by default; with {these} held, it {_worth(amount * held)}"
         rows.append(
             {
                 "key": key,
                 "derivative": total,
+                "derivative_alone": held,
                 "phases": kept,
-                "text": f"{written} {_WORDS.get(name, name)} {verb} {_watts(abs(amount * total))}",
+                "text": text,
             }
         )
     return rows
+
+
+def _worth(power: float) -> str:
+    return f"{'is worth' if power >= 0.0 else 'costs'} {_watts(abs(power))}"
 
 
 def _watts(power: float) -> str:
@@ -173,6 +196,12 @@ def format_sensitivities(result: Result) -> str:
     lines += ["", "change: for the stated uncertainty (*), or for -1 % and +1 %"]
     if any(row.get("misleading") for row in rows):
         lines.append("!: re-solving gives a change that differs from the linear one by more than 10 %")
+    for row in felt:
+        if _mixed(row):
+            follows = listed(row["followed_by"], "and")
+            lines.append(
+                f"+: {row['key']} moves {follows} too, by default; alone {row['derivative_alone']:.4g} W per unit"
+            )
     if details["shadow_prices"]:
         lines += ["", "limits (at the rate here):"]
         lines += [f"  {price['text']} ({', '.join(price['phases'])})" for price in details["shadow_prices"]]
@@ -196,6 +225,12 @@ def format_variation(result: Result) -> str:
     return "\n".join(lines)
 
 
+def _mixed(row: Mapping[str, Any]) -> bool:
+    """Whether part of a derivative is that of keys that follow by default."""
+    own = row.get("derivative_alone", row["derivative"])
+    return bool(abs(own - row["derivative"]) > _FOLLOWS * max(abs(own), abs(row["derivative"])))
+
+
 def _felt(row: Mapping[str, Any]) -> bool:
     slopes = (row["derivative"], row["derivative_below"], row["derivative_above"])
     return abs(row["elasticity"] or 0.0) > _NOTHING or any(slope is None or slope != 0.0 for slope in slopes)
@@ -203,6 +238,7 @@ def _felt(row: Mapping[str, Any]) -> bool:
 
 def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
     mark = ("*" if row["uncertainty_stated"] else "") + ("!" if row.get("misleading") else "")
+    mark += "+" if _mixed(row) else ""
     smooth = row["derivative_below"] is not None and row["derivative_above"] is not None
     smooth = smooth and math.isclose(row["derivative_below"], row["derivative_above"], rel_tol=1e-9, abs_tol=1e-12)
     derivative = f"{row['derivative']:.4g}"

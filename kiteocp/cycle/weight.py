@@ -18,7 +18,6 @@ import numpy as np
 from kiteocp.cycle.phases import RETRACTION
 from kiteocp.cycle.remedies import in_wind, rounded, wind_text
 from kiteocp.physics.equilibrium import weight_share_flying_up
-from kiteocp.physics.kinematics import radians
 from kiteocp.physics.model import Model
 from kiteocp.physics.parameters import ParameterValues, Structure, parameters_of
 

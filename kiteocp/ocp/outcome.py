@@ -17,8 +17,8 @@ from kiteocp.ocp.solution import Optimum, optimise
 from kiteocp.problem import Problem
 from kiteocp.result import Result
 
-#: An optimum is called degenerate where its stroke is less than this share of what the limits allow (those of useful
-#: cycles are a third or more) ...
+#: An optimum is called degenerate where its stroke is less than this share of what the limits allow (in the family of
+#: `benchmarks.robustness` only cycles of next to no power have less) ...
 DEGENERATE_STROKE_SHARE = 0.1
 
 #: ... and retraction and transition together are shorter than three changes of phase at their default of 2 s each: the
@@ -73,11 +73,17 @@ def result_of(optimum: Optimum, total_time_s: float) -> Result:
         verb="solve",
         problem=problem,
         status=optimum.certificate.status,
-        warnings=(
-            *validity_warnings(cycle.records, values),
-            *jump_warnings(cycle),
-            *degeneracy_warnings(cycle),
-            *([] if unflown is None else [f"no comparison: {unflown}"]),
+        # One that both the problem and its cycle give is said once.
+        warnings=tuple(
+            dict.fromkeys(
+                (
+                    *problem.warnings(),
+                    *validity_warnings(cycle.records, values),
+                    *jump_warnings(cycle),
+                    *degeneracy_warnings(cycle),
+                    *([] if unflown is None else [f"no comparison: {unflown}"]),
+                )
+            )
         ),
         phases=phases,
         cycle=dict(summary),

@@ -35,6 +35,11 @@ ADAPTATIONS = 2
 ADAPTING_STEPS = 3
 
 
+#: Meshes in a row whose schedule cannot be flown between the points, after which it is taken that no mesh will do: the
+#: solution lives on a gap in the steady states, such as a step in the wind, that it passes between two points.
+UNFLYABLE = 2
+
+
 @dataclass(frozen=True)
 class MeshSolution:
     """The best cycle on one mesh.
@@ -157,7 +162,7 @@ def optimise(problem: Problem, *, certificate: Level = "full") -> Optimum:
     attempts = search(values, formulation, options)
     meshes = [MeshSolution(formulation, solver, best_of(attempts).solution, halved=False)]
     optimum = None
-    adaptations = 0
+    adaptations = unflyable = 0
     for count in range(REFINEMENTS if certificate == "full" else 0):
         steps: list[MeshSolution] = []
         if count > 1 or (count == 1 and _better_adapted(meshes[-1], values)):
@@ -172,7 +177,8 @@ def optimise(problem: Problem, *, certificate: Level = "full") -> Optimum:
             break
         meshes += [*steps, halved]
         optimum = _judged(problem, values, attempts, meshes, certificate)
-        if optimum.certificate.passed:
+        unflyable = 0 if optimum.facts["resimulation"]["completed"] else unflyable + 1
+        if optimum.certificate.passed or unflyable == UNFLYABLE:
             break
     return optimum or _judged(problem, values, attempts, meshes, certificate)
 

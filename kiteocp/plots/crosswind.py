@@ -16,9 +16,10 @@ from kiteocp.plots.style import (
     LABEL_SIZE,
     LEGEND_STYLE,
     SMALL_SIZE,
-    TITLE_SIZE,
+    TITLE_STYLE,
     make_figure,
     style_axes,
+    write_line,
 )
 from kiteocp.result import Result
 
@@ -34,7 +35,7 @@ def compose_crosswind(result: Result) -> Figure:
     study = result.details["crosswind"]
     figure = make_figure(12.5, 4.6)
     title = f"{result.problem.name}: crosswind-resolved traction"
-    figure.text(0.012, 0.965, title, fontsize=TITLE_SIZE, fontweight="bold", va="top", color=INK)
+    write_line(figure, 0.965, title, **TITLE_STYLE)
     _draw_path(figure, result, study)
     axes = figure.add_axes((0.605, 0.13, 0.38, 0.56))
     style_axes(axes)

@@ -19,9 +19,10 @@ from kiteocp.plots.style import (
     LEGEND_STYLE,
     LINE_WIDTH,
     PRESCRIBED_STYLE,
-    TITLE_SIZE,
+    TITLE_STYLE,
     make_figure,
     style_axes,
+    write_line,
 )
 from kiteocp.result import Result
 
@@ -150,8 +151,8 @@ def _draw_panels(
 
 
 def _write_title(figure: Figure, result: Result, prescribed: Result | None, kind: str) -> None:
-    figure.text(0.012, 0.972, f"{result.problem.name}: {kind}", fontsize=TITLE_SIZE, fontweight="bold", va="top")
-    parts = [result.problem.description] if result.problem.description else []
+    write_line(figure, 0.972, f"{result.problem.name}: {kind}", **TITLE_STYLE)
+    parts = []
     power = result.cycle.get("mean_power_W")
     if power is not None:
         text = f"mean power {1e-3 * power:.2f} kW"
@@ -162,7 +163,9 @@ def _write_title(figure: Figure, result: Result, prescribed: Result | None, kind
         parts.append(text)
     if not result.succeeded:
         parts.append(f"status: {result.status}")
-    figure.text(0.012, 0.938, "   |   ".join(parts), fontsize=LABEL_SIZE, color=INK, va="top")
+    # Last, as it is what may be cut off.
+    parts += [result.problem.description] if result.problem.description else []
+    write_line(figure, 0.938, " | ".join(parts), fontsize=LABEL_SIZE, color=INK)
     if prescribed is not None:
         figure.legend(
             handles=[

@@ -17,10 +17,11 @@ from kiteocp.plots.style import (
     PHASE_ALPHA,
     PHASE_COLOURS,
     SMALL_SIZE,
-    TITLE_SIZE,
+    TITLE_STYLE,
     make_figure,
     phase_colour,
     style_axes,
+    write_line,
 )
 from kiteocp.result import Result
 
@@ -60,13 +61,13 @@ def compose_estimate(result: Result) -> Figure:
     found = result.details["estimates"]
     figure = make_figure(12.5, 11.0)
     title = f"{found['flight']}: aerodynamics of {result.problem.name}"
-    figure.text(0.012, 0.987, title, fontsize=TITLE_SIZE, fontweight="bold", va="top", color=INK)
+    write_line(figure, 0.987, title, **TITLE_STYLE)
     wind = found["wind"]
     subtitle = (
         f"wind by {wind['source']}: {wind['reference_speed_m_s']:.2f} m/s at {wind['reference_height_m']:g} m; bars: "
         "mean of each phase (exact) and its 95 % interval; dotted: coefficients of the fit"
     )
-    figure.text(0.012, 0.964, subtitle, fontsize=SMALL_SIZE, va="top", color=GREY)
+    write_line(figure, 0.964, subtitle, fontsize=SMALL_SIZE, color=GREY)
     bottom, height, gap = 0.045, 0.9, 0.015
     each = (height - gap * (len(_PANELS) - 1)) / len(_PANELS)
     first: Any = None

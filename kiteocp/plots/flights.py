@@ -14,6 +14,7 @@ from kiteocp.analysis.flights.optimum import LEFT_OUT, OptimumStudy
 from kiteocp.analysis.flights.predictions import CycleComparison
 from kiteocp.analysis.flights.reasons import LAW_WORDS, QUANTITY_WORDS
 from kiteocp.analysis.flights.study import FlightStudy
+from kiteocp.plots.labels import stack
 from kiteocp.plots.style import (
     BLUE,
     GREY,
@@ -85,20 +86,24 @@ def draw_cycle(study: FlightStudy, cycle: CycleComparison) -> Figure:
     measured = (model_lengths(flight)[among], flown.elevation_deg, speed, 1e-3 * force, 1e-3 * force * speed)
     for axes, values in zip(panels, measured, strict=True):
         axes.plot(time, values, color=INK, linewidth=LINE_WIDTH, label="flown", zorder=3)
+    names = []
     for name, phase in cycle.phases.items():
         begin, end = phase.replayed.path.time_s[[0, -1]] - start
         for axes in panels:
             axes.axvspan(begin, end, color=COLOURS[name], alpha=PHASE_ALPHA, linewidth=0, zorder=0)
-        panels[0].annotate(
-            name,
-            (0.5 * (begin + end), 1.02),
-            xycoords=panels[0].get_xaxis_transform(),
-            ha="center",
-            va="bottom",
-            rotation=0 if (end - begin) > 0.011 * len(name) * time[-1] else 20,
-            fontsize=SMALL_SIZE,
-            color=COLOURS[name],
-            fontweight="bold",
+        names.append(
+            panels[0].annotate(
+                name,
+                (0.5 * (begin + end), 1.0),
+                xycoords=panels[0].get_xaxis_transform(),
+                xytext=(0, 3),
+                textcoords="offset points",
+                ha="center",
+                va="bottom",
+                fontsize=SMALL_SIZE,
+                color=COLOURS[name],
+                fontweight="bold",
+            )
         )
         _draw_laws(panels, phase, begin, end)
     labels = ("tether length (m)", "elevation (deg)", "reeling speed (m/s)", "tether force (kN)", "power (kW)")
@@ -112,6 +117,8 @@ def draw_cycle(study: FlightStudy, cycle: CycleComparison) -> Figure:
     handles = {label: line for axes in panels for line, label in zip(*axes.get_legend_handles_labels(), strict=True)}
     figure.legend(handles.values(), handles.keys(), loc="upper center", ncols=3, fontsize=SMALL_SIZE, frameon=False)
     figure.subplots_adjust(left=0.09, right=0.98, bottom=0.06, top=0.905, hspace=0.14)
+    # Where the names are on the page is known only now.
+    stack(names, 13.0)
     return figure
 
 

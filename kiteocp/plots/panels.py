@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from kiteocp.plots.labels import stack
 from kiteocp.plots.side_view import segments
 from kiteocp.plots.style import (
     BLUE,
@@ -114,20 +115,18 @@ def draw_zero(axes: Any) -> None:
 
 
 def shade_phases(all_axes: Sequence[Any], result: Result) -> None:
-    """Shade the phases in every panel and name them above the first; a short one is named a line higher."""
+    """Shade the phases in every panel and name them above the first, those without room beside others higher."""
     time = result["time_s"]
-    duration = max(float(time[-1] - time[0]), 1e-9)
+    names = []
     for phase, run in segments(result):
         start, end = float(time[run][0]), float(time[run][-1])
         for axes in all_axes:
             axes.axvspan(start, end, color=phase_colour(phase), alpha=PHASE_ALPHA, linewidth=0, zorder=0)
-        # About 0.012 of the panel's width a letter.
-        short = (end - start) / duration < 0.012 * len(phase) + 0.02
-        all_axes[0].annotate(
+        name = all_axes[0].annotate(
             phase,
             (0.5 * (start + end), 1.0),
             xycoords=all_axes[0].get_xaxis_transform(),
-            xytext=(0, 15 if short else 3),
+            xytext=(0, 3),
             textcoords="offset points",
             ha="center",
             va="bottom",
@@ -136,6 +135,9 @@ def shade_phases(all_axes: Sequence[Any], result: Result) -> None:
             color=phase_colour(phase),
             annotation_clip=False,
         )
+        names.append((end - start, name))
+    # The longest phase keeps the place beside the panel.
+    stack([name for _, name in sorted(names, key=lambda item: -item[0])], 15.0)
 
 
 def _draw_line(axes: Any, result: Result, channel: str, factor: float, **style: Any) -> None:

@@ -16,11 +16,13 @@ from kiteocp.plots.style import (
     LINE_WIDTH,
     NOTE_STYLE,
     SMALL_SIZE,
-    TITLE_SIZE,
+    TITLE_STYLE,
     make_figure,
     phase_colour,
     style_axes,
+    write_line,
 )
+from kiteocp.plots.words import label_of, name_words, words_of
 from kiteocp.result import Result
 
 #: Bars of the tornado chart; the rest is in the table.
@@ -42,7 +44,7 @@ def compose_sensitivities(result: Result) -> Figure:
     figure = make_figure(12.5, 7.0)
     power = result.details["optimal_mean_power_W"]
     title = f"{result.problem.name}: sensitivity of the optimal mean power ({1e-3 * power:.2f} kW)"
-    figure.text(0.012, 0.972, title, fontsize=TITLE_SIZE, fontweight="bold", va="top", color=INK)
+    write_line(figure, 0.972, title, **TITLE_STYLE)
     _draw_tornado(figure.add_axes((0.2, 0.09, 0.29, 0.8)), rows)
     _draw_elasticities(figure.add_axes((0.7, 0.09, 0.28, 0.8)), rows)
     return figure
@@ -76,9 +78,9 @@ def _draw_elasticities(axes: Any, rows: Sequence[dict[str, Any]]) -> None:
     for place, row in enumerate(drawn):
         block = row["key"].partition(".")[0]
         axes.barh(place, row["elasticity"], height=0.7, color=_BLOCK_COLOURS.get(block, GREY))
-    axes.set_yticks(range(len(drawn)), [row["key"] for row in drawn], fontsize=SMALL_SIZE)
+    axes.set_yticks(range(len(drawn)), [words_of(row["key"]) for row in drawn], fontsize=SMALL_SIZE)
     axes.axvline(0.0, color=INK, linewidth=0.8)
-    axes.set_xlabel("elasticity (% of power per % of the key)", fontsize=LABEL_SIZE)
+    axes.set_xlabel("elasticity (% of power per % of the number)", fontsize=LABEL_SIZE)
 
 
 def _swing(row: dict[str, Any]) -> float:
@@ -86,7 +88,7 @@ def _swing(row: dict[str, Any]) -> float:
 
 
 def _named(row: dict[str, Any]) -> str:
-    return str(row["key"]) + (" *" if row["uncertainty_stated"] else "") + (" !" if row.get("misleading") else "")
+    return words_of(row["key"]) + (" *" if row["uncertainty_stated"] else "") + (" !" if row.get("misleading") else "")
 
 
 def compose_variation(result: Result) -> Figure:
@@ -94,9 +96,7 @@ def compose_variation(result: Result) -> Figure:
     variation = result.details["variation"]
     key, points = variation["key"], variation["points"]
     figure = make_figure(9.0, 7.0)
-    figure.text(
-        0.012, 0.972, f"{result.problem.name}: optimum along {key}", fontsize=TITLE_SIZE, fontweight="bold", va="top"
-    )
+    write_line(figure, 0.972, f"{result.problem.name}: optimum along {key}", **TITLE_STYLE)
     power, limits = figure.add_axes((0.36, 0.52, 0.61, 0.38)), figure.add_axes((0.36, 0.09, 0.61, 0.38))
     for axes in (power, limits):
         style_axes(axes)
@@ -118,7 +118,7 @@ def compose_variation(result: Result) -> Figure:
     power.set_title("solid: re-solved; dashed: tangent at the value of the file", **NOTE_STYLE)
     power.tick_params(labelbottom=False)
     _draw_limits(limits, points)
-    limits.set_xlabel(key, fontsize=LABEL_SIZE)
+    limits.set_xlabel(label_of(key), fontsize=LABEL_SIZE)
     return figure
 
 
@@ -135,7 +135,9 @@ def _draw_limits(axes: Any, points: Sequence[dict[str, Any]]) -> None:
         sizes = [8.0 + 40.0 * share for share in shares]
         axes.scatter(values, [place] * len(values), s=sizes, color=phase_colour(phase), linewidths=0)
     axes.set_yticks(
-        range(len(rows)), [f"{phase}: {limit.removeprefix('limits.')}" for phase, limit in rows], fontsize=SMALL_SIZE
+        range(len(rows)),
+        [f"{phase}: {name_words(limit.removeprefix('limits.'))}" for phase, limit in rows],
+        fontsize=SMALL_SIZE,
     )
     axes.set_ylim(-0.7, len(rows) - 0.3)
     axes.set_title("active limits; the larger, the longer", **NOTE_STYLE)

@@ -7,7 +7,9 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from matplotlib.transforms import Bbox
 
+from kiteocp.plots.labels import extent, inside, on_page, place
 from kiteocp.plots.style import GREY, INK, LABEL_SIZE, LINE_WIDTH, PRESCRIBED_STYLE, SMALL_SIZE, phase_colour
 from kiteocp.result import Result
 
@@ -44,26 +46,44 @@ def draw_side_view(
         colour = phase_colour(phase)
         axes.plot(x[run], y[run], color=colour, linewidth=LINE_WIDTH + 0.8, solid_capstyle="round", zorder=3)
         _draw_direction(axes, x[run], y[run], colour)
-        _label_phase(axes, phase, x[run], y[run], float(np.mean(x)), float(np.mean(y)))
     axes.plot(x[0], y[0], "o", markersize=7, markerfacecolor="white", markeredgecolor=INK, zorder=5)
-    axes.annotate(
-        "start",
-        (x[0], y[0]),
-        xytext=(8, -12),
-        textcoords="offset points",
-        fontsize=SMALL_SIZE,
-        color=INK,
-    )
+    names = [
+        axes.annotate(
+            "start",
+            (x[0], y[0]),
+            xytext=(8, -12),
+            textcoords="offset points",
+            fontsize=SMALL_SIZE,
+            color=INK,
+            zorder=6,
+        ),
+        axes.annotate(
+            "ground station", (0, 0), xytext=(8, 6), textcoords="offset points", fontsize=SMALL_SIZE, color=INK
+        ),
+    ]
     axes.plot(0.0, 0.0, "s", markersize=6, color=INK, clip_on=False, zorder=5)
-    axes.annotate("ground station", (0, 0), xytext=(8, 6), textcoords="offset points", fontsize=SMALL_SIZE, color=INK)
-    _draw_arcs(axes, paths, length_min_m, length_max_m)
+    arcs = _draw_arcs(axes, paths, length_min_m, length_max_m)
+    names += arcs
     axes.set_aspect("equal", adjustable="box", anchor="N")
+    # Where things are on the page is known only now.
+    axes.apply_aspect()
+    lines = [on_page(axes, *path) for path in paths]
+    taken = []
+    for name in names:
+        # An arc out of view has no name that is cut off at the edge.
+        name.set_visible(inside(axes, extent(name)) or name not in arcs)
+        if name.get_visible():
+            taken.append(extent(name))
+    for phase, run in segments(result):
+        taken.append(extent(_label_phase(axes, phase, x[run], y[run], lines, taken)))
     axes.set_xlabel("horizontal distance from the ground station (m)", fontsize=LABEL_SIZE)
     axes.set_ylabel("height (m)", fontsize=LABEL_SIZE)
 
 
-def _draw_arcs(axes: Any, paths: list[tuple[FloatArray, FloatArray]], length_min_m: float, length_max_m: float) -> None:
-    """Draw the tether length limits as arcs, and fit the view to paths and ground station."""
+def _draw_arcs(
+    axes: Any, paths: list[tuple[FloatArray, FloatArray]], length_min_m: float, length_max_m: float
+) -> list[Any]:
+    """Draw the tether length limits as arcs, fit the view to paths and ground station, and return the arcs' names."""
     x = np.concatenate([path[0] for path in paths])
     y = np.concatenate([path[1] for path in paths])
     margin = 0.08 * max(np.ptp(x), np.ptp(y), float(np.max(x)), float(np.max(y)))
@@ -71,16 +91,18 @@ def _draw_arcs(axes: Any, paths: list[tuple[FloatArray, FloatArray]], length_min
     axes.set_ylim(0.0, float(np.max(y)) + 1.6 * margin)
     elevation_max = max(np.pi / 2, float(np.max(np.arctan2(y, x))))
     elevation = np.linspace(0.0, elevation_max, 181)
+    names = []
     for length in (length_min_m, length_max_m):
         arc_x, arc_y = length * np.cos(elevation), length * np.sin(elevation)
         axes.plot(arc_x, arc_y, color=GREY, linewidth=0.8, linestyle=(0, (1, 2)), zorder=1)
-        _label_arc(axes, length)
+        names.append(_label_arc(axes, length))
+    return names
 
 
-def _label_arc(axes: Any, length_m: float) -> None:
+def _label_arc(axes: Any, length_m: float) -> Any:
     """Name the arc's tether length low on the arc, along it, where the path is not."""
     elevation = np.deg2rad(8.0)
-    axes.text(
+    return axes.text(
         length_m * np.cos(elevation),
         length_m * np.sin(elevation),
         f"tether {length_m:.0f} m",
@@ -112,23 +134,31 @@ def _draw_direction(axes: Any, x: FloatArray, y: FloatArray, colour: str) -> Non
     )
 
 
-def _label_phase(axes: Any, phase: str, x: FloatArray, y: FloatArray, x_mid: float, y_mid: float) -> None:
-    """Name a phase beside its path, on the side away from the middle of the cycle."""
+def _label_phase(
+    axes: Any, phase: str, x: FloatArray, y: FloatArray, lines: list[FloatArray], taken: list[Bbox]
+) -> Any:
+    """Name a phase beside its path, where the name covers nothing."""
     distance = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
-    at = np.interp(0.62 * distance[-1], distance, np.arange(len(x)))
     index = np.arange(len(x))
-    x_at, y_at = float(np.interp(at, index, x)), float(np.interp(at, index, y))
-    right = x_at >= x_mid
-    above = y_at >= y_mid
-    axes.annotate(
+    places = []
+    for share in (0.62, 0.5, 0.38, 0.75, 0.25):
+        at = np.interp(share * distance[-1], distance, index)
+        point = (float(np.interp(at, index, x)), float(np.interp(at, index, y)))
+        places += [
+            (point, (9 * across, 6 * up if up else 0), side, vertical)
+            for across, side in ((1, "left"), (-1, "right"))
+            for up, vertical in ((1, "bottom"), (-1, "top"), (0, "center"))
+        ]
+        places += [(point, (0, 14 * up), "center", vertical) for up, vertical in ((1, "bottom"), (-1, "top"))]
+    name = axes.annotate(
         phase,
-        (x_at, y_at),
-        xytext=(9 if right else -9, 6 if above else -9),
+        places[0][0],
+        xytext=places[0][1],
         textcoords="offset points",
-        ha="left" if right else "right",
-        va="bottom" if above else "top",
         fontsize=LABEL_SIZE,
         fontweight="bold",
         color=phase_colour(phase),
         zorder=6,
     )
+    place(name, places, lines, taken)
+    return name

@@ -28,6 +28,7 @@ PHASE_COLOURS: dict[str, str] = {"retraction": "#D55E00", "transition": "#CC79A7
 PHASE_ALPHA = 0.11
 
 TITLE_SIZE = 12.0
+TITLE_STYLE: dict[str, Any] = {"fontsize": TITLE_SIZE, "fontweight": "bold", "color": INK}
 LABEL_SIZE = 9.0
 SMALL_SIZE = 8.0
 LINE_WIDTH = 1.6
@@ -41,6 +42,9 @@ NOTE_STYLE: dict[str, Any] = {"fontsize": SMALL_SIZE, "color": GREY, "loc": "lef
 #: A legend that stands in line with the axes, without a box.
 LEGEND_STYLE: dict[str, Any] = {"frameon": False, "fontsize": SMALL_SIZE, "borderaxespad": 0.0}
 
+#: Left edge of titles, in parts of the figure.
+_LINE_LEFT = 0.012
+
 _DPI = 120
 # Level 3 of zlib takes half the time of the usual 6 for a file a tenth larger.
 _PNG_COMPRESSION = 3
@@ -51,6 +55,28 @@ def make_figure(width_in: float, height_in: float) -> Figure:
     figure = Figure(figsize=(width_in, height_in), facecolor="white")
     FigureCanvasAgg(figure)
     return figure
+
+
+def write_line(figure: Figure, height: float, text: str, **style: Any) -> None:
+    """Write a line at the left edge that may hold anything: as it stands, and cut off where the figure ends.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        Where to write.
+    height : float
+        Of the upper edge, in parts of the figure.
+    text : str
+        Dollar signs do not start a formula; a line break is a space.
+    **style
+        Of `matplotlib.text.Text`.
+    """
+    words = " ".join(text.split())
+    line = figure.text(_LINE_LEFT, height, words, va="top", parse_math=False, **style)
+    room = (1.0 - 2.0 * _LINE_LEFT) * figure.bbox.width
+    while len(words) > 1 and (width := line.get_window_extent().width) > room:
+        words = words[: min(int(len(words) * room / width), len(words) - 1)]
+        line.set_text(f"{words.rstrip()} ...")
 
 
 def style_axes(axes: Any) -> None:
