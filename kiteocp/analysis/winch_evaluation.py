@@ -14,7 +14,7 @@ from kiteocp.cycle.phases import PHASE_CHANGES, PhaseName
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.errors import CycleError
 from kiteocp.ocp.limits import path_limits
-from kiteocp.ocp.optimum import OptimalCycle, quantity_of
+from kiteocp.ocp.optimum import ACCELERATION, OptimalCycle, quantity_of
 from kiteocp.physics.parameters import ParameterValues, parameter_values
 from kiteocp.problem import Problem
 
@@ -138,10 +138,8 @@ def violations_of(records: Sequence[PhaseRecord], values: ParameterValues) -> li
             # A limit of zero (the lowest height may be one) has no share of itself: a thousandth of its unit, then.
             excess = (reached - bound if limit.side == "upper" else bound - reached) / max(abs(bound), 1e-3)
             found.append(_violation(limit.key, record, values, reached / limit.factor, excess))
-        acceleration = np.gradient(record.output("reeling_speed"), record.time_s)
-        key = "limits.reeling_acceleration_max_m_s2"
-        fastest = float(np.max(np.abs(acceleration)))
-        found.append(_violation(key, record, values, fastest, fastest / values[key] - 1.0))
+        fastest = float(np.max(np.abs(record.rate("reeling_speed"))))
+        found.append(_violation(ACCELERATION, record, values, fastest, fastest / values[ACCELERATION] - 1.0))
     key, traction = "limits.traction_duration_min_s", records[-1]
     if values[key] > 0:
         found.append(_violation(key, traction, values, traction.duration_s, 1.0 - traction.duration_s / values[key]))

@@ -69,6 +69,10 @@ class PhaseRecord:
         row: np.ndarray = self.outputs[OUTPUTS.index(name)]
         return row
 
+    def rate(self, name: str) -> np.ndarray:
+        """Return the difference quotients in time of one quantity of `OUTPUTS` between the samples, shape (n - 1,)."""
+        return np.asarray(np.diff(self.output(name)) / np.diff(self.time_s), dtype=np.float64)
+
     @property
     def duration_s(self) -> float:
         """Duration of the phase."""

@@ -14,8 +14,9 @@ from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.errors import CycleError
 from kiteocp.ocp.check import Check, Level
 from kiteocp.ocp.limits import path_limits
-from kiteocp.ocp.optimum import OptimalCycle, quantity_of, speed_jumps
+from kiteocp.ocp.optimum import ACCELERATION, OptimalCycle, quantity_of, speed_jumps
 from kiteocp.physics.equilibrium import OUTPUTS
+from kiteocp.physics.parameters import ParameterValues
 
 #: A limit may be exceeded by this share of itself, anywhere in time.
 MARGIN_TOLERANCE = 5e-3
@@ -57,9 +58,9 @@ class LimitMargin:
 
 
 def limit_margins(cycle: OptimalCycle, flown: Sequence[FlownPhase] | None) -> list[LimitMargin]:
-    """Find the worst margin of every limit, on dense samples of the solution and along the re-simulated cycle."""
+    """Find the worst margin of every limit: in the samples that are written, in each mesh interval, re-simulated."""
     values = cycle.values
-    records: list[PhaseRecord] = list(cycle.records)
+    records: list[PhaseRecord] = [*cycle.records, *cycle.fine_records]
     if flown is not None:
         for schedule, phase in zip(cycle.schedules, flown, strict=True):
             time, length, elevation, _ = phase.states.T
@@ -77,29 +78,29 @@ def limit_margins(cycle: OptimalCycle, flown: Sequence[FlownPhase] | None) -> li
         # A number that is not finite is as bad as can be: it must not hide behind a comparison.
         margin, phase_name = min(found, key=lambda item: item[0] if np.isfinite(item[0]) else -np.inf)
         margins.append(LimitMargin(limit.key, phase_name, margin))
-    margins += _whole_margins(cycle)
-    return margins
+    return [*margins, *_whole_margins(cycle), _acceleration_margin(values, records)]
 
 
 def _whole_margins(cycle: OptimalCycle) -> list[LimitMargin]:
-    """Margins of limits that hold for a phase as a whole, and of the winch's acceleration inside the phases."""
+    """Margins of limits that hold for a phase as a whole."""
     values, traction = cycle.values, cycle.records[-1]
     stroke = float(traction.tether_length_m[-1] - traction.tether_length_m[0])
     reached = {"limits.traction_duration_min_s": traction.duration_s, "limits.stroke_min_m": stroke}
-    margins = [
+    return [
         LimitMargin(key, "traction", (value - values[key]) / max(values[key], 1e-9))
         for key, value in reached.items()
         if key in values
     ]
-    key = "limits.reeling_acceleration_max_m_s2"
-    worst = []
-    for record in cycle.records:
-        phase = cycle.trajectory[record.name]
-        speeds, times = phase.values["reeling_speed"], phase.mesh.points * phase.duration
-        rates = np.abs(np.diff(speeds) / np.diff(times))
-        worst.append(((values[key] - float(np.max(rates, initial=0.0))) / values[key], record.name))
-    margin, name = min(worst, key=lambda item: item[0] if np.isfinite(item[0]) else -np.inf)
-    return [*margins, LimitMargin(key, name, margin)]
+
+
+def _acceleration_margin(values: ParameterValues, records: Sequence[PhaseRecord]) -> LimitMargin:
+    """Margin of the winch's acceleration inside the phases, between any two samples."""
+    limit = values[ACCELERATION]
+    found = [
+        ((limit - float(np.max(np.abs(record.rate("reeling_speed"))))) / limit, record.name) for record in records
+    ]
+    margin, name = min(found, key=lambda item: item[0] if np.isfinite(item[0]) else -np.inf)
+    return LimitMargin(ACCELERATION, name, margin)
 
 
 def limits_check(margins: Sequence[LimitMargin]) -> Check:

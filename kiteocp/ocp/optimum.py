@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,12 @@ ACTIVE_WITHIN = 2e-3
 
 #: Samples of a phase in records: about ten in each mesh interval of the default mesh.
 SAMPLES = 121
+
+#: Samples of a mesh interval where limits are checked and found active.
+SAMPLES_OF_AN_INTERVAL = 20
+
+#: The limit of the slope of the reeling speed.
+ACCELERATION = "limits.reeling_acceleration_max_m_s2"
 
 
 @dataclass(frozen=True)
@@ -52,8 +59,20 @@ class OptimalCycle:
         """Read a solution."""
         trajectory = program.unpack(solution.x, solution.p)
         schedules = tuple(schedule_of(trajectory, name) for name in PHASES)
-        records = tuple(_record(values, trajectory, schedule) for schedule in schedules)
+        fractions = np.linspace(0.0, 1.0, SAMPLES)
+        records = tuple(_record(values, trajectory, schedule, fractions) for schedule in schedules)
         return cls(values, trajectory, schedules, records)
+
+    @cached_property
+    def fine_records(self) -> tuple[PhaseRecord, ...]:
+        """The phases sampled `SAMPLES_OF_AN_INTERVAL` times in each interval of the mesh, however short it is."""
+        parts = np.arange(SAMPLES_OF_AN_INTERVAL) / SAMPLES_OF_AN_INTERVAL
+        found = []
+        for schedule in self.schedules:
+            borders = self.trajectory[schedule.name].mesh.borders
+            inside = borders[:-1, None] + np.diff(borders)[:, None] * parts
+            found.append(_record(self.values, self.trajectory, schedule, np.append(inside.ravel(), 1.0)))
+        return tuple(found)
 
     @property
     def energy_J(self) -> float:
@@ -102,16 +121,18 @@ def _coefficients(phase: PhaseTrajectory, control: Variable) -> np.ndarray:
     return coefficients
 
 
-def _record(values: ParameterValues, trajectory: Trajectory, schedule: Schedule) -> PhaseRecord:
+def _record(
+    values: ParameterValues, trajectory: Trajectory, schedule: Schedule, fractions: np.ndarray
+) -> PhaseRecord:
+    """Sample a phase at fractions of its time, increasing."""
     phase = trajectory[schedule.name]
-    fractions = np.linspace(0.0, 1.0, SAMPLES)
     time = fractions * phase.duration
     states = phase.mesh.state_matrix(fractions)
     length = states @ phase.values["tether_length"]
     if "elevation" in phase.values:
         elevation = states @ phase.values["elevation"]
     else:
-        elevation = np.full(SAMPLES, trajectory.statics["elevation"])
+        elevation = np.full(fractions.size, trajectory.statics["elevation"])
     outputs = outputs_on_schedule(values, schedule, time, length, elevation)
     return PhaseRecord(schedule.name, time, length, elevation, outputs, phase.integrals["power"])
 
@@ -149,13 +170,11 @@ def active_limits(cycle: OptimalCycle) -> dict[str, list[dict[str, Any]]]:
 
 
 def _rate_limits(cycle: OptimalCycle, record: PhaseRecord) -> list[dict[str, Any]]:
-    key = "limits.reeling_acceleration_max_m_s2"
-    phase: PhaseTrajectory = cycle.trajectory[record.name]
-    speed, limit = phase.values["reeling_speed"], cycle.values[key]
-    steps = np.diff(phase.mesh.points) * phase.duration
-    active = np.abs(np.diff(speed)) / steps >= (1 - ACTIVE_WITHIN) * limit
-    share = float(np.sum(steps[active]) / phase.duration)
-    return [{"limit": key, "value": limit, "share": share}] if share else []
+    limit = cycle.values[ACCELERATION]
+    fine = cycle.fine_records[cycle.records.index(record)]
+    active = np.abs(fine.rate("reeling_speed")) >= (1 - ACTIVE_WITHIN) * limit
+    share = float(np.sum(np.diff(fine.time_s)[active]) / fine.duration_s)
+    return [{"limit": ACCELERATION, "value": limit, "share": share}] if share else []
 
 
 def _whole_limits(values: ParameterValues, record: PhaseRecord) -> list[dict[str, Any]]:
