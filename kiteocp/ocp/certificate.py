@@ -19,6 +19,7 @@ from kiteocp.ocp.check import Check, Level
 from kiteocp.ocp.cycle_checks import (
     ELEVATION_TOLERANCE_DEG,
     MARGIN_TOLERANCE,
+    intervals_beyond,
     jumps_check,
     limit_margins,
     limits_check,
@@ -37,6 +38,7 @@ __all__ = [
     "Certificate",
     "Check",
     "Level",
+    "intervals_beyond",
     "jumps_check",
     "kkt_check",
     "limit_margins",

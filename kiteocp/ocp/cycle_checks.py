@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from kiteocp.cycle.phases import PHASE_CHANGES, FlownPhase
+from kiteocp.cycle.phases import PHASE_CHANGES, FlownPhase, PhaseName
 from kiteocp.cycle.schedule import outputs_on_schedule
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.errors import CycleError
 from kiteocp.ocp.check import Check, Level
-from kiteocp.ocp.limits import path_limits
-from kiteocp.ocp.optimum import ACCELERATION, OptimalCycle, quantity_of, speed_jumps
+from kiteocp.ocp.limits import PathLimit, path_limits
+from kiteocp.ocp.optimum import ACCELERATION, SAMPLES_OF_AN_INTERVAL, OptimalCycle, quantity_of, speed_jumps
 from kiteocp.physics.equilibrium import OUTPUTS
 from kiteocp.physics.parameters import ParameterValues
 
@@ -68,10 +68,8 @@ def limit_margins(cycle: OptimalCycle, flown: Sequence[FlownPhase] | None) -> li
             records.append(PhaseRecord(phase.name, time, length, elevation, outputs, phase.energy_J))
     margins = []
     for limit in path_limits(values.structure):
-        bound = limit.bound(values)
-        sign = 1.0 if limit.side == "lower" else -1.0
         found = [
-            (float(np.min(sign * (quantity_of(record, limit.quantity) - bound))) / max(abs(bound), 1e-9), record.name)
+            (float(np.min(_distances(values, limit, record))), record.name)
             for record in records
             if record.name in limit.phases
         ]
@@ -79,6 +77,32 @@ def limit_margins(cycle: OptimalCycle, flown: Sequence[FlownPhase] | None) -> li
         margin, phase_name = min(found, key=lambda item: item[0] if np.isfinite(item[0]) else -np.inf)
         margins.append(LimitMargin(limit.key, phase_name, margin))
     return [*margins, *_whole_margins(cycle), _acceleration_margin(values, records)]
+
+
+def intervals_beyond(cycle: OptimalCycle) -> dict[PhaseName, np.ndarray]:
+    """Find the mesh intervals in which a limit is exceeded by more than half the tolerance, by phase; shape (intervals,)."""
+    found: dict[PhaseName, np.ndarray] = {}
+    for record in cycle.fine_records:
+        distances = [_acceleration_distances(cycle.values, record)]
+        for limit in path_limits(cycle.values.structure):
+            if record.name in limit.phases:
+                of_samples = _distances(cycle.values, limit, record)
+                distances.append(np.fmin(of_samples[:-1], of_samples[1:]))
+        nearest = np.min(distances, axis=0).reshape(-1, SAMPLES_OF_AN_INTERVAL).min(axis=1)
+        found[record.name] = ~(nearest >= -0.5 * MARGIN_TOLERANCE)
+    return found
+
+
+def _distances(values: ParameterValues, limit: PathLimit, record: PhaseRecord) -> np.ndarray:
+    """Distance of each sample to a limit over the limit; negative where it is exceeded."""
+    bound = limit.bound(values)
+    sign = 1.0 if limit.side == "lower" else -1.0
+    return np.asarray(sign * (quantity_of(record, limit.quantity) - bound) / max(abs(bound), 1e-9), dtype=np.float64)
+
+
+def _acceleration_distances(values: ParameterValues, record: PhaseRecord) -> np.ndarray:
+    """Distance of the winch's acceleration between each two samples to its limit, over the limit."""
+    return np.asarray(1.0 - np.abs(record.rate("reeling_speed")) / values[ACCELERATION], dtype=np.float64)
 
 
 def _whole_margins(cycle: OptimalCycle) -> list[LimitMargin]:
@@ -94,11 +118,8 @@ def _whole_margins(cycle: OptimalCycle) -> list[LimitMargin]:
 
 
 def _acceleration_margin(values: ParameterValues, records: Sequence[PhaseRecord]) -> LimitMargin:
-    """Margin of the winch's acceleration inside the phases, between any two samples."""
-    limit = values[ACCELERATION]
-    found = [
-        ((limit - float(np.max(np.abs(record.rate("reeling_speed"))))) / limit, record.name) for record in records
-    ]
+    """Margin of the winch's acceleration inside the phases."""
+    found = [(float(np.min(_acceleration_distances(values, record))), record.name) for record in records]
     margin, name = min(found, key=lambda item: item[0] if np.isfinite(item[0]) else -np.inf)
     return LimitMargin(ACCELERATION, name, margin)
 

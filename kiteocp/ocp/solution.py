@@ -27,6 +27,13 @@ Options = tuple[tuple[str, Any], ...]
 REFINEMENTS = 4
 MOST_POINTS = 500
 
+#: Times that intervals in which a limit is left are divided, and the parts of each.
+DIVISIONS = 3
+DIVISION_PARTS = 2
+
+#: Change of the power, relative, by which a solution on a divided mesh is another optimum, and is left alone.
+SAME_POWER = 1e-3
+
 #: Times that the quick certificate halves a mesh whose solution leaves limits between its points, or cannot be flown:
 #: that is no solution. It leaves every other mesh as it is.
 QUICK_REFINEMENTS = 2
@@ -51,7 +58,7 @@ class MeshSolution:
     solver, solution
         What solved it, and the result.
     halved
-        Whether every interval is half of one of the mesh before.
+        Whether every interval is half of one of the mesh before, or less.
     """
 
     formulation: Formulation
@@ -174,12 +181,34 @@ def optimise(problem: Problem, *, certificate: Level = "full") -> Optimum:
         if halved is None:
             break
         meshes += [*steps, halved]
-        optimum = _judged(problem, values, attempts, meshes, certificate)
+        optimum = _within_limits(_judged(problem, values, attempts, meshes, certificate), meshes, options)
         if optimum.certificate.passed:
             break
     if optimum is None:
         optimum = _judged(problem, values, attempts, meshes, certificate)
     return _made_useful(optimum, meshes, options) if certificate == "quick" else optimum
+
+
+def _within_limits(optimum: Optimum, meshes: list[MeshSolution], options: Options) -> Optimum:
+    """Divide, again and again, the intervals in which a limit is left, where that is all that is wrong with a solution.
+
+    The divided mesh takes the place of the one that it divides: both refine the mesh before.
+    """
+    for _ in range(DIVISIONS):
+        if {check.name for check in optimum.certificate.failures} != {"limits"}:
+            break
+        last, beyond = meshes[-1], certify.intervals_beyond(optimum.cycle)
+        formulation = last.formulation.on_mesh(
+            {name: mesh.divided(beyond[name], DIVISION_PARTS) for name, mesh in last.formulation.mesh.items()}
+        )
+        if formulation.points > MOST_POINTS:
+            break
+        divided = last.on(formulation, optimum.values, options, halved=last.halved)
+        if divided is None or abs(divided.mean_power_W - last.mean_power_W) > SAME_POWER * abs(last.mean_power_W):
+            break
+        meshes[-1] = divided
+        optimum = _judged(optimum.problem, optimum.values, optimum.attempts, meshes, "full")
+    return optimum
 
 
 def _made_useful(optimum: Optimum, meshes: list[MeshSolution], options: Options) -> Optimum:
