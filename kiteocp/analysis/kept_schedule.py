@@ -18,7 +18,7 @@ from typing import Literal
 import numpy as np
 
 from kiteocp.cycle.phases import PHASE_CHANGES, FlownPhase, PhaseName
-from kiteocp.cycle.schedule import Schedule, fly_schedule, outputs_on_schedule
+from kiteocp.cycle.schedule import Schedule, fly_schedule, record_on_schedule
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.errors import CycleError
 from kiteocp.ocp.certificate import ELEVATION_TOLERANCE_DEG, MARGIN_TOLERANCE
@@ -176,8 +176,7 @@ def _stretched(schedule: Schedule, stretch: float) -> Schedule:
 
 def _record(values: ParameterValues, schedule: Schedule, phase: FlownPhase) -> PhaseRecord:
     time, length, elevation, _ = phase.states.T
-    outputs = outputs_on_schedule(values, schedule, time, length, elevation)
-    return PhaseRecord(phase.name, time, length, elevation, outputs, phase.energy_J)
+    return record_on_schedule(values, schedule, time, (length, elevation), phase.energy_J)
 
 
 def _energy(values: ParameterValues, record: PhaseRecord, objective: str) -> float:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from kiteocp.cycle.phases import PHASE_CHANGES, FlownPhase, PhaseName
-from kiteocp.cycle.schedule import outputs_on_schedule
+from kiteocp.cycle.schedule import outputs_on_schedule, record_on_schedule
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.errors import CycleError
 from kiteocp.ocp.check import Check, Level
@@ -64,8 +64,7 @@ def limit_margins(cycle: OptimalCycle, flown: Sequence[FlownPhase] | None) -> li
     if flown is not None:
         for schedule, phase in zip(cycle.schedules, flown, strict=True):
             time, length, elevation, _ = phase.states.T
-            outputs = outputs_on_schedule(values, schedule, time, length, elevation)
-            records.append(PhaseRecord(phase.name, time, length, elevation, outputs, phase.energy_J))
+            records.append(record_on_schedule(values, schedule, time, (length, elevation), phase.energy_J))
     margins = []
     for limit in path_limits(values.structure):
         found = [
@@ -80,7 +79,7 @@ def limit_margins(cycle: OptimalCycle, flown: Sequence[FlownPhase] | None) -> li
 
 
 def intervals_beyond(cycle: OptimalCycle) -> dict[PhaseName, np.ndarray]:
-    """Find the mesh intervals in which a limit is exceeded by more than half the tolerance, by phase; shape (intervals,)."""
+    """Find the mesh intervals that exceed a limit by more than half the tolerance, by phase; shape (intervals,)."""
     found: dict[PhaseName, np.ndarray] = {}
     for record in cycle.fine_records:
         distances = [_acceleration_distances(cycle.values, record)]

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from kiteocp.cycle.phases import PHASES, FlownPhase, PhaseName
-from kiteocp.cycle.schedule import SCHEDULED, Schedule, fly_schedule, outputs_on_schedule
+from kiteocp.cycle.schedule import SCHEDULED, Schedule, fly_schedule, record_on_schedule
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.ocp.collocation import continuous_nodes, radau_points
 from kiteocp.ocp.entries import Variable
@@ -133,8 +133,7 @@ def _record(
         elevation = states @ phase.values["elevation"]
     else:
         elevation = np.full(fractions.size, trajectory.statics["elevation"])
-    outputs = outputs_on_schedule(values, schedule, time, length, elevation)
-    return PhaseRecord(schedule.name, time, length, elevation, outputs, phase.integrals["power"])
+    return record_on_schedule(values, schedule, time, (length, elevation), phase.integrals["power"])
 
 
 def quantity_of(record: PhaseRecord, name: str) -> np.ndarray:

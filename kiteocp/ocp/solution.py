@@ -197,10 +197,10 @@ def _within_limits(optimum: Optimum, meshes: list[MeshSolution], options: Option
     for _ in range(DIVISIONS):
         if {check.name for check in optimum.certificate.failures} != {"limits"}:
             break
-        last, beyond = meshes[-1], certify.intervals_beyond(optimum.cycle)
-        formulation = last.formulation.on_mesh(
-            {name: mesh.divided(beyond[name], DIVISION_PARTS) for name, mesh in last.formulation.mesh.items()}
-        )
+        last = meshes[-1]
+        beyond = certify.intervals_beyond(optimum.cycle)
+        mesh = {name: last.formulation.mesh[name].divided(passed, DIVISION_PARTS) for name, passed in beyond.items()}
+        formulation = last.formulation.on_mesh(mesh)
         if formulation.points > MOST_POINTS:
             break
         divided = last.on(formulation, optimum.values, options, halved=last.halved)
