@@ -113,15 +113,19 @@ class Resolver:
     problem: Problem
     keys: tuple[str, ...]
     solver: Solver
+    formulation: Formulation
     nominal: Solution
     cycle: OptimalCycle
 
     @classmethod
-    def of(cls, problem: Problem, keys: Sequence[str], nominal: Solution) -> Resolver:
-        """Build the solver of a problem around its optimum on the mesh of the problem file."""
+    def of(
+        cls, problem: Problem, keys: Sequence[str], nominal: Solution, formulation: Formulation | None = None
+    ) -> Resolver:
+        """Build the solver of a problem around its optimum; on the mesh of the problem file if not told otherwise."""
         values = parameter_values(problem)
-        solver = cycle_solver(values.structure, Formulation.of(problem), solver_options(problem))
-        return cls(problem, tuple(keys), solver, nominal, OptimalCycle.of(solver.program, nominal, values))
+        formulation = formulation or Formulation.of(problem)
+        solver = cycle_solver(values.structure, formulation, solver_options(problem))
+        return cls(problem, tuple(keys), solver, formulation, nominal, OptimalCycle.of(solver.program, nominal, values))
 
     def sample(self, point: Sequence[float], *, kept: bool = False, cold: bool = False) -> Sample:
         """Solve one sample.
@@ -176,7 +180,7 @@ class Resolver:
 
     def _cold(self, values: ParameterValues) -> float | Literal["infeasible", "failed"]:
         try:
-            solution = best_of(search(values, Formulation.of(self.problem), solver_options(self.problem))).solution
+            solution = best_of(search(values, self.formulation, solver_options(self.problem))).solution
         except SolveError as error:
             return "infeasible" if error.explanation else "failed"
         except ValueError:
@@ -187,12 +191,12 @@ class Resolver:
 _OWN: dict[str, Any] = {}
 
 
-def start_process(problem: Problem, keys: Sequence[str], nominal: Solution) -> None:
+def start_process(problem: Problem, keys: Sequence[str], nominal: Solution, formulation: Formulation) -> None:
     """Build the resolver of a process of the pool, which leaves an interruption to the process that waits for it."""
     import signal  # noqa: PLC0415  (of processes of the pool only)
 
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _OWN["resolver"] = Resolver.of(problem, keys, nominal)
+    _OWN["resolver"] = Resolver.of(problem, keys, nominal, formulation)
 
 
 def sample_in_process(points: FloatArray, kept: Sequence[bool], cold: Sequence[bool]) -> list[Sample]:

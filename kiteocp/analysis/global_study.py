@@ -159,14 +159,14 @@ def global_sensitivity(
     cold = np.arange(len(points)) % COLD_EVERY == 0
     tell = progress or (lambda done, total: None)
     if jobs == 1:
-        resolver = Resolver.of(problem, keys, nominal.solution)
+        resolver = Resolver.of(problem, keys, nominal.solution, nominal.formulation)
         found = []
         for point, fly, search_too in zip(points, kept, cold, strict=True):
             found.append(resolver.sample(point, kept=bool(fly), cold=bool(search_too)))
             tell(len(found), len(points))
     else:
-        found = _in_processes((problem, keys, nominal.solution), points, kept, cold, jobs, tell)
-    own = Resolver.of(problem, keys, nominal.solution)
+        found = _in_processes((problem, keys, nominal.solution, nominal.formulation), points, kept, cold, jobs, tell)
+    own = Resolver.of(problem, keys, nominal.solution, nominal.formulation)
     values = parameter_values(problem)
     at_nominal = own.sample([values[key] for key in keys], kept=True).kept
     power = np.array([np.nan if sample.mean_power_W is None else sample.mean_power_W for sample in found])

@@ -18,11 +18,10 @@ from typing import Literal
 import numpy as np
 
 from kiteocp.cycle.phases import PHASE_CHANGES, FlownPhase, PhaseName
-from kiteocp.cycle.schedule import Schedule, fly_schedule, outputs_on_schedule
+from kiteocp.cycle.schedule import Schedule, fly_schedule, record_on_schedule
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.errors import CycleError
 from kiteocp.ocp.certificate import ELEVATION_TOLERANCE_DEG, MARGIN_TOLERANCE
-from kiteocp.ocp.limits import limits_of
 from kiteocp.ocp.optimum import OptimalCycle
 from kiteocp.physics.parameters import ParameterValues
 
@@ -88,7 +87,7 @@ def fly_kept(nominal: OptimalCycle, values: ParameterValues, objective: str) -> 
     records = [_record(values, *pair) for pair in zip(schedules, flown, strict=True)]
     energy = sum(_energy(values, record, objective) for record in records)
     duration = sum(phase.duration_s for phase in flown) + PHASE_CHANGES * values["limits.phase_change_time_s"]
-    return KeptCycle("flown", energy / duration, _exceeded(values, records))
+    return KeptCycle("flown", energy / duration, _exceeded(nominal, values, records))
 
 
 def _closed_cycle(nominal: OptimalCycle, values: ParameterValues) -> tuple[list[Schedule], list[FlownPhase]]:
@@ -176,8 +175,7 @@ def _stretched(schedule: Schedule, stretch: float) -> Schedule:
 
 def _record(values: ParameterValues, schedule: Schedule, phase: FlownPhase) -> PhaseRecord:
     time, length, elevation, _ = phase.states.T
-    outputs = outputs_on_schedule(values, schedule, time, length, elevation)
-    return PhaseRecord(phase.name, time, length, elevation, outputs, phase.energy_J)
+    return record_on_schedule(values, schedule, time, (length, elevation), phase.energy_J)
 
 
 def _energy(values: ParameterValues, record: PhaseRecord, objective: str) -> float:
@@ -194,9 +192,9 @@ def _energy(values: ParameterValues, record: PhaseRecord, objective: str) -> flo
     return generated * values["machine.generator_efficiency"] + motored / values["machine.motor_efficiency"]
 
 
-def _exceeded(values: ParameterValues, records: list[PhaseRecord]) -> tuple[str, ...]:
+def _exceeded(nominal: OptimalCycle, values: ParameterValues, records: list[PhaseRecord]) -> tuple[str, ...]:
     return tuple(
         limit.key
-        for limit in limits_of(values.structure)
+        for limit in nominal.limits
         if any((limit.margin(record, values) or 0.0) < -MARGIN_TOLERANCE for record in records)
     )

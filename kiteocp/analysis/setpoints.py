@@ -8,13 +8,21 @@ from typing import Any
 
 import numpy as np
 
-from kiteocp.cycle.phases import KINDS, PHASES
-from kiteocp.cycle.schedule import Schedule
-from kiteocp.cycle.summary import PhaseRecord
+from kiteocp.cycle.phases import PHASES
+from kiteocp.cycle.summary import PhaseRecord, steering
 from kiteocp.ocp.optimum import OptimalCycle
+from kiteocp.physics.parameters import ParameterValues
 
 #: Columns of the set points that a phase change ramps from the end of one phase to the start of the next.
-RAMPED = ("tether_force_kite_N", "tether_force_ground_N", "reeling_speed_m_s", "elevation_deg", "power_setting")
+RAMPED = (
+    "tether_force_kite_N",
+    "tether_force_ground_N",
+    "reeling_speed_m_s",
+    "elevation_deg",
+    "power_setting",
+    "course_deg",
+    "elevation_rate_deg_s",
+)
 
 #: Rows of a phase change, and of a branch over tether length.
 CHANGE_SAMPLES = 11
@@ -38,7 +46,7 @@ def setpoints_over_time(cycle: OptimalCycle) -> dict[str, np.ndarray]:
         ``time_s`` in the cycle, ``phase``, ``time_in_phase_s`` and the set points, the unit in each name.
     """
     pause = cycle.values["limits.phase_change_time_s"]
-    phases = [_setpoints(record, schedule) for record, schedule in zip(cycle.records, cycle.schedules, strict=True)]
+    phases = [_setpoints(record, cycle.values) for record in cycle.records]
     parts: list[dict[str, np.ndarray]] = []
     start = 0.0
     for index, (name, phase) in enumerate(zip(PHASES, phases, strict=True)):
@@ -64,8 +72,8 @@ def setpoints_over_length(cycle: OptimalCycle) -> dict[str, np.ndarray]:
         points.
     """
     parts: list[dict[str, np.ndarray]] = []
-    for name, record, schedule in zip(PHASES, cycle.records, cycle.schedules, strict=True):
-        phase = _setpoints(record, schedule)
+    for name, record in zip(PHASES, cycle.records, strict=True):
+        phase = _setpoints(record, cycle.values)
         for number, branch in enumerate(branches(record.tether_length_m), start=1):
             length = record.tether_length_m[branch]
             grid = np.linspace(length[0], length[-1], LENGTH_SAMPLES)
@@ -88,20 +96,15 @@ def branches(length: np.ndarray) -> list[slice]:
     return [piece for piece in pieces if abs(length[piece][-1] - length[piece][0]) >= SHORTEST_BRANCH_M]
 
 
-def _setpoints(record: PhaseRecord, schedule: Schedule) -> dict[str, np.ndarray]:
-    time = record.time_s
-    if "power_setting" in schedule.quantities:
-        setting = schedule.value("power_setting", time)
-    else:
-        setting = np.full(time.size, float(KINDS[record.name].setting == "powered"))
+def _setpoints(record: PhaseRecord, values: ParameterValues) -> dict[str, np.ndarray]:
     return {
-        "time_in_phase_s": time,
+        "time_in_phase_s": record.time_s,
         "tether_length_m": record.tether_length_m,
         "tether_force_kite_N": record.output("tether_force_kite"),
         "tether_force_ground_N": record.output("tether_force_ground"),
         "reeling_speed_m_s": record.output("reeling_speed"),
         "elevation_deg": np.degrees(record.elevation_rad),
-        "power_setting": setting,
+        **steering(record, values),
     }
 
 

@@ -3,7 +3,8 @@
 The schedule is piecewise polynomial in time. What it gives is what a controller holds (radial tether force at the
 ground, power setting, and in the traction the rate of the mean elevation or the mean course); where the kite goes
 follows from the closed form of the equilibrium and the adaptive integrator, which share nothing with the collocation.
-The winch saturates: a scheduled force beyond the tether force limits is held at the limit.
+The winch saturates: a scheduled force beyond the tether force limits is held at the limit; and so does the power
+setting, at fully powered and depowered.
 """
 
 from __future__ import annotations
@@ -20,6 +21,7 @@ from kiteocp.cycle.integrator import IntegrationError, Integrator
 from kiteocp.cycle.laws import STATE
 from kiteocp.cycle.phases import KINDS, FlownPhase, PhaseName
 from kiteocp.cycle.simulation import LONGEST_PHASE_S, SCALES, cycle_error
+from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.physics import kinematics
 from kiteocp.physics.equilibrium import OUTPUTS, explicit_state, outputs_of
 from kiteocp.physics.kinematics import Course
@@ -27,7 +29,8 @@ from kiteocp.physics.model import Model, Position, Surroundings
 from kiteocp.physics.parameters import ParameterValues, Structure, parameters_of
 
 #: What a schedule may give; the first is always given, the others where the phase does not prescribe them.
-SCHEDULED = ("radial_ground_force", "power_setting", "elevation_rate", "course")
+FORCE = "radial_ground_force"
+SCHEDULED = (FORCE, "power_setting", "elevation_rate", "course")
 
 #: Highest polynomial degree of a piece plus one: a continuous control has the degree of the mesh, nine at most.
 COEFFICIENTS = 10
@@ -74,7 +77,7 @@ class Schedule:
         s = (time_s - self.borders_s[index]) / np.diff(self.borders_s)[index]
         powers = s[:, None] ** np.arange(self.coefficients[name].shape[1])
         values: np.ndarray = np.sum(self.coefficients[name][index] * powers, axis=1)
-        return values
+        return np.clip(values, 0.0, 1.0) if name == "power_setting" else values
 
 
 @dataclass(frozen=True)
@@ -95,11 +98,14 @@ def schedule_functions(structure: Structure, name: PhaseName, quantities: tuple[
     model = Model(parameters)
     length, elevation = ca.SX.sym("tether_length"), ca.SX.sym("elevation")
     scheduled = {quantity: ca.SX.sym(quantity) for quantity in quantities}
+    values = ca.vertcat(*scheduled.values())
+    if "power_setting" in scheduled:
+        scheduled["power_setting"] = ca.fmin(ca.fmax(scheduled["power_setting"], 0.0), 1.0)
     position = nominal = kind.position(model, length, elevation)
     if "course" in scheduled:
         position = Position(length, elevation, nominal.azimuth, Course.of_angle(scheduled["course"]))
     around = model.surroundings(position, model.coefficients(scheduled.get("power_setting", kind.setting)))
-    flight = explicit_state(model, position, around, _saturated(model, around, scheduled["radial_ground_force"]))
+    flight = explicit_state(model, position, around, _saturated(model, around, scheduled[FORCE]))
     if kind.course is not None:
         rate = kinematics.elevation_rate(flight.tangential_speed, kind.course, length)
     elif "course" in scheduled:
@@ -107,7 +113,6 @@ def schedule_functions(structure: Structure, name: PhaseName, quantities: tuple[
         rate = kinematics.elevation_rate(flight.tangential_speed, drift, length)
     else:
         rate = scheduled.get("elevation_rate", ca.SX(0.0))
-    values = ca.vertcat(*scheduled.values())
     outputs = outputs_of(flight)
     point = ca.Function(
         "point",
@@ -188,3 +193,16 @@ def outputs_on_schedule(
     scheduled = np.array([schedule.value(name, time_s) for name in schedule.quantities])
     mapped = functions.outputs.map(time_s.size)
     return np.asarray(mapped(tether_length_m[None, :], elevation_rad[None, :], scheduled, values.vector))
+
+
+def record_on_schedule(
+    values: ParameterValues,
+    schedule: Schedule,
+    time_s: np.ndarray,
+    places: tuple[np.ndarray, np.ndarray],
+    energy_J: float,
+) -> PhaseRecord:
+    """Put samples of a scheduled phase into a record; ``places`` are tether length (m) and elevation (rad)."""
+    outputs = outputs_on_schedule(values, schedule, time_s, *places)
+    steered = {name: schedule.value(name, time_s) for name in schedule.quantities if name != FORCE}
+    return PhaseRecord(schedule.name, time_s, *places, outputs, energy_J, steered)

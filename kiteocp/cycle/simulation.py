@@ -86,7 +86,7 @@ def simulate(
     values = parameter_values(problem, gravity=gravity)
     flown = fly(values, equilibrium=equilibrium, time_step=time_step)
     records = [record_of(values, phase, adaptive=time_step is None) for phase in flown]
-    phases = phase_summaries(records)
+    phases = phase_summaries(records, values)
     elevation = np.radians(values["operation.traction.elevation_deg"])
     lengths = values["operation.tether_length_min_m"] + values["operation.tether_length_max_m"]
     # eq:meantractionaltitude, with the nominal lengths.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -14,6 +14,7 @@ from kiteocp.cycle.phases import KINDS, PHASE_CHANGES, PhaseName
 from kiteocp.physics.aerodynamics import harvesting_factor
 from kiteocp.physics.equilibrium import OUTPUTS
 from kiteocp.physics.flight import OUTPUT_UNITS
+from kiteocp.physics.kinematics import Course, elevation_rate
 from kiteocp.physics.model import Model
 from kiteocp.physics.parameters import ParameterValues, Structure, parameters_of
 from kiteocp.physics.tether import relative_gravitational_force, tether_mass
@@ -55,6 +56,9 @@ class PhaseRecord:
         Quantities of `OUTPUTS` at the samples, shape (len(OUTPUTS), n).
     energy_J
         Mechanical energy delivered over the phase.
+    steered
+        What steers the kite where the phase does not prescribe it: ``power_setting``, ``course`` (rad) and
+        ``elevation_rate`` (rad/s) at the samples, shape (n,).
     """
 
     name: PhaseName
@@ -63,11 +67,42 @@ class PhaseRecord:
     elevation_rad: np.ndarray
     outputs: np.ndarray
     energy_J: float
+    steered: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def output(self, name: str) -> np.ndarray:
         """Return one quantity of `OUTPUTS` at the samples, shape (n,)."""
         row: np.ndarray = self.outputs[OUTPUTS.index(name)]
         return row
+
+    def rate(self, name: str) -> np.ndarray:
+        """Return the difference quotients in time of one quantity of `OUTPUTS` between the samples, shape (n - 1,)."""
+        return np.asarray(np.diff(self.output(name)) / np.diff(self.time_s), dtype=np.float64)
+
+    @property
+    def power_setting(self) -> np.ndarray:
+        """Power setting at the samples, 0 depowered and 1 powered, shape (n,)."""
+        prescribed = float(KINDS[self.name].setting == "powered")
+        return self.steered.get("power_setting", np.full(self.time_s.size, prescribed))
+
+    def course_rad(self, values: ParameterValues) -> np.ndarray:
+        """Course at the samples, 0 straight down and pi straight up, in the traction the mean one, shape (n,)."""
+        return self.steered.get("course", np.full(self.time_s.size, self._prescribed_course_rad(values)))
+
+    def elevation_rate_rad_s(self, values: ParameterValues) -> np.ndarray:
+        """Rate of the (mean) elevation at the samples, shape (n,)."""
+        if "elevation_rate" in self.steered:
+            return self.steered["elevation_rate"]
+        # The mean course of the file keeps the elevation of the traction.
+        level = 0.0 if KINDS[self.name].course else np.cos(self._prescribed_course_rad(values))
+        drift = Course(np.cos(self.course_rad(values)) - level, 0.0)
+        rate = elevation_rate(self.output("tangential_speed"), drift, self.tether_length_m)
+        return np.asarray(rate, dtype=np.float64) + 0.0
+
+    def _prescribed_course_rad(self, values: ParameterValues) -> float:
+        flown = KINDS[self.name].course
+        if flown is None:
+            return float(np.radians(values["operation.traction.course_deg"]))
+        return float(np.arctan2(flown.sine, flown.cosine))
 
     @property
     def duration_s(self) -> float:
@@ -75,8 +110,8 @@ class PhaseRecord:
         return float(self.time_s[-1])
 
 
-def phase_summaries(records: Sequence[PhaseRecord]) -> dict[str, dict[str, float]]:
-    """Return duration, power, energy and end points of each phase."""
+def phase_summaries(records: Sequence[PhaseRecord], values: ParameterValues) -> dict[str, dict[str, float]]:
+    """Return duration, power, energy, end points and mean power setting and course of each phase."""
     return {
         record.name: {
             "duration_s": record.duration_s,
@@ -86,9 +121,16 @@ def phase_summaries(records: Sequence[PhaseRecord]) -> dict[str, dict[str, float
             "tether_length_end_m": float(record.tether_length_m[-1]),
             "elevation_start_deg": float(np.degrees(record.elevation_rad[0])),
             "elevation_end_deg": float(np.degrees(record.elevation_rad[-1])),
+            "mean_power_setting": _mean(record, record.power_setting),
+            "mean_course_deg": _mean(record, np.degrees(record.course_rad(values))),
         }
         for record in records
     }
+
+
+def _mean(record: PhaseRecord, samples: np.ndarray) -> float:
+    """Mean over the time of a phase; exactly the value of what is constant."""
+    return float(samples[0] + np.trapezoid(samples - samples[0], record.time_s) / record.duration_s)
 
 
 def cycle_summary(
@@ -149,7 +191,19 @@ def channels_of(records: Sequence[PhaseRecord], values: ParameterValues, pause_s
     for name in CHANNELS:
         unit = OUTPUT_UNITS.get(name)
         joined[f"{name}_{unit}" if unit else name] = [record.output(name) for record in records]
+    for record in records:
+        for name, samples in steering(record, values).items():
+            joined.setdefault(name, []).append(samples)
     return {name: np.concatenate(parts) for name, parts in joined.items()}
+
+
+def steering(record: PhaseRecord, values: ParameterValues) -> dict[str, np.ndarray]:
+    """Return what the kite's controller is given, by the names of the time series and the set points, shape (n,)."""
+    return {
+        "power_setting": record.power_setting,
+        "course_deg": np.degrees(record.course_rad(values)),
+        "elevation_rate_deg_s": np.degrees(record.elevation_rate_rad_s(values)),
+    }
 
 
 def validity_warnings(records: Sequence[PhaseRecord], values: ParameterValues) -> list[str]:

@@ -21,6 +21,7 @@ from kiteocp.ocp.check import Check, Level
 from kiteocp.ocp.cycle_checks import (
     ELEVATION_TOLERANCE_DEG,
     MARGIN_TOLERANCE,
+    intervals_beyond,
     jumps_check,
     limit_margins,
     limits_check,
@@ -39,6 +40,7 @@ __all__ = [
     "Certificate",
     "Check",
     "Level",
+    "intervals_beyond",
     "jumps_check",
     "kkt_check",
     "limit_margins",

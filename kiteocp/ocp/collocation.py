@@ -221,6 +221,12 @@ class PhaseMesh:
         parts: Sequence[float] = [f / factor for f in self.interval_fractions for _ in range(factor)]
         return PhaseMesh(self.degree, tuple(parts))
 
+    def divided(self, chosen: NDArray[np.bool_], parts: int) -> PhaseMesh:
+        """Mesh with the chosen intervals, a mask of shape (intervals,), divided into equal parts."""
+        counts = np.where(chosen, parts, 1)
+        shares = np.asarray(self.interval_fractions) / counts
+        return PhaseMesh(self.degree, tuple(np.repeat(shares, counts).tolist()))
+
     def state_matrix(self, fractions: ArrayLike) -> FloatArray:
         """Matrix from state values at start and collocation points to values at `fractions`.
 

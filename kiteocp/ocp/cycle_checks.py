@@ -8,14 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from kiteocp.cycle.phases import PHASE_CHANGES, FlownPhase
-from kiteocp.cycle.schedule import outputs_on_schedule
+from kiteocp.cycle.phases import PHASE_CHANGES, FlownPhase, PhaseName
+from kiteocp.cycle.schedule import outputs_on_schedule, record_on_schedule
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.errors import CycleError
 from kiteocp.ocp.check import Check, Level
-from kiteocp.ocp.limits import limits_of
-from kiteocp.ocp.optimum import OptimalCycle, speed_jumps
+from kiteocp.ocp.optimum import ACCELERATION, SAMPLES_OF_AN_INTERVAL, OptimalCycle, speed_jumps
 from kiteocp.physics.equilibrium import OUTPUTS
+from kiteocp.physics.parameters import ParameterValues
 
 #: A limit may be exceeded by this share of itself, anywhere in time.
 MARGIN_TOLERANCE = 5e-3
@@ -57,40 +57,48 @@ class LimitMargin:
 
 
 def limit_margins(cycle: OptimalCycle, flown: Sequence[FlownPhase] | None) -> list[LimitMargin]:
-    """Find the worst margin of every limit, on dense samples of the solution and along the re-simulated cycle."""
+    """Find the worst margin of every limit: in the samples that are written, in each mesh interval, re-simulated."""
     values = cycle.values
-    records: list[PhaseRecord] = list(cycle.records)
+    records: list[PhaseRecord] = [*cycle.records, *cycle.fine_records]
     if flown is not None:
         for schedule, phase in zip(cycle.schedules, flown, strict=True):
             time, length, elevation, _ = phase.states.T
-            outputs = outputs_on_schedule(values, schedule, time, length, elevation)
-            records.append(PhaseRecord(phase.name, time, length, elevation, outputs, phase.energy_J))
+            records.append(record_on_schedule(values, schedule, time, (length, elevation), phase.energy_J))
     margins = []
-    for limit in limits_of(values.structure):
+    for limit in cycle.limits:
         # A phase that is flown until its time is over says nothing of limits of the whole.
         judged = cycle.records if limit.whole else records
-        found = [
-            (margin, record.name) for record in judged if (margin := limit.margin(record, values)) is not None
-        ]
+        found = [(margin, record.name) for record in judged if (margin := limit.margin(record, values)) is not None]
         if found:
             margin, name = min(found)
             margins.append(LimitMargin(limit.key, name, margin))
-    margins.append(_acceleration_margin(cycle))
-    return margins
+    return [*margins, _acceleration_margin(values, records)]
 
 
-def _acceleration_margin(cycle: OptimalCycle) -> LimitMargin:
+def intervals_beyond(cycle: OptimalCycle) -> dict[PhaseName, np.ndarray]:
+    """Find the mesh intervals that exceed a limit by more than half the tolerance, by phase; shape (intervals,)."""
+    found: dict[PhaseName, np.ndarray] = {}
+    for record in cycle.fine_records:
+        distances = [_acceleration_distances(cycle.values, record)]
+        for limit in cycle.limits:
+            of_samples = None if limit.whole else limit.distances(record, cycle.values)
+            if of_samples is not None:
+                distances.append(np.fmin(of_samples[:-1], of_samples[1:]))
+        nearest = np.min(distances, axis=0).reshape(-1, SAMPLES_OF_AN_INTERVAL).min(axis=1)
+        found[record.name] = ~(nearest >= -0.5 * MARGIN_TOLERANCE)
+    return found
+
+
+def _acceleration_distances(values: ParameterValues, record: PhaseRecord) -> np.ndarray:
+    """Distance of the winch's acceleration between each two samples to its limit, over the limit."""
+    return np.asarray(1.0 - np.abs(record.rate("reeling_speed")) / values[ACCELERATION], dtype=np.float64)
+
+
+def _acceleration_margin(values: ParameterValues, records: Sequence[PhaseRecord]) -> LimitMargin:
     """Margin of the winch's acceleration inside the phases."""
-    values = cycle.values
-    key = "limits.reeling_acceleration_max_m_s2"
-    worst = []
-    for record in cycle.records:
-        phase = cycle.trajectory[record.name]
-        speeds, times = phase.values["reeling_speed"], phase.mesh.points * phase.duration
-        rates = np.abs(np.diff(speeds) / np.diff(times))
-        worst.append(((values[key] - float(np.max(rates, initial=0.0))) / values[key], record.name))
-    margin, name = min(worst, key=lambda item: item[0] if np.isfinite(item[0]) else -np.inf)
-    return LimitMargin(key, name, margin)
+    found = [(float(np.min(_acceleration_distances(values, record))), record.name) for record in records]
+    margin, name = min(found, key=lambda item: item[0] if np.isfinite(item[0]) else -np.inf)
+    return LimitMargin(ACCELERATION, name, margin)
 
 
 def limits_check(margins: Sequence[LimitMargin]) -> Check:

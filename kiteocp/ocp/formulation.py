@@ -25,6 +25,9 @@ from kiteocp.physics.model import Model
 from kiteocp.physics.parameters import Structure, parameters_of
 from kiteocp.problem import Problem
 
+#: What the links that limit jumps of the reeling speed are called, before the phase.
+SPEED_JUMP = "speed jump"
+
 
 @dataclass(frozen=True)
 class Formulation:
@@ -149,7 +152,7 @@ def cycle_problem(structure: Structure, formulation: Formulation) -> OptimalCont
         allowed = p["limits.reeling_acceleration_max_m_s2"] * p["limits.phase_change_time_s"]
         links += [
             Link(
-                f"speed jump after the {before.name}",
+                f"{SPEED_JUMP} after the {before.name}",
                 after.first["reeling_speed"] - before.end["reeling_speed"],
                 -allowed,
                 allowed,

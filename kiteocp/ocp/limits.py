@@ -85,15 +85,16 @@ class Limit:
         return max(abs(float(self.bound(values))), 0.01 * SCALES[self.quantity])
 
     def margin(self, record: PhaseRecord, values: ParameterValues) -> float | None:
-        """Return the smallest distance to the limit over `size`, negative where it is exceeded.
-
-        Minus infinity where a sample is not a number, None where the record does not know the limit.
-        """
-        samples = self.samples(record)
-        if samples is None:
+        """Return the smallest of `distances`, minus infinity where one is not a number."""
+        found = self.distances(record, values)
+        if found is None:
             return None
-        gaps = self._gaps(samples, float(self.bound(values)))
-        return float(np.min(gaps)) / self.size(values) if np.all(np.isfinite(gaps)) else -np.inf
+        return float(np.min(found)) if np.all(np.isfinite(found)) else -np.inf
+
+    def distances(self, record: PhaseRecord, values: ParameterValues) -> np.ndarray | None:
+        """Return the distance of each of `samples` to the limit over `size`, negative where it is exceeded."""
+        samples = self.samples(record)
+        return None if samples is None else self._gaps(samples, float(self.bound(values))) / self.size(values)
 
     def share(self, record: PhaseRecord, values: ParameterValues, within: float) -> float | None:
         """Return the share of the time of a record during which the quantity is this near to the limit, over `size`.
@@ -217,4 +218,4 @@ def quantity_of(record: PhaseRecord, name: str) -> Any:
         return record.duration_s
     if name == "stroke":
         return record.tether_length_m[-1] - record.tether_length_m[0]
-    return record.output(name) if name in OUTPUTS else None
+    return record.output(name) if name in OUTPUTS else record.steered.get(name)

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from kiteocp.cycle.phases import PHASES, FlownPhase, PhaseName
-from kiteocp.cycle.schedule import SCHEDULED, Schedule, fly_schedule, outputs_on_schedule
+from kiteocp.cycle.schedule import SCHEDULED, Schedule, fly_schedule, record_on_schedule
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.ocp.collocation import continuous_nodes, radau_points
 from kiteocp.ocp.entries import Variable
-from kiteocp.ocp.limits import limits_of
+from kiteocp.ocp.formulation import SPEED_JUMP
+from kiteocp.ocp.limits import Limit, limits_of
 from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.nlpsolver import Solution
 from kiteocp.ocp.trajectory import PhaseTrajectory, Trajectory
@@ -24,6 +26,12 @@ ACTIVE_WITHIN = 2e-3
 
 #: Samples of a phase in records: about ten in each mesh interval of the default mesh.
 SAMPLES = 121
+
+#: Samples of a mesh interval where limits are checked and found active.
+SAMPLES_OF_AN_INTERVAL = 20
+
+#: The limit of the slope of the reeling speed.
+ACCELERATION = "limits.reeling_acceleration_max_m_s2"
 
 
 @dataclass(frozen=True)
@@ -40,20 +48,45 @@ class OptimalCycle:
         What a controller would hold, for each phase in order.
     records
         The phases sampled on the collocation polynomials, with the equilibrium solved at every sample.
+    jumps_limited
+        Whether the program limits the jumps of the reeling speed between phases.
     """
 
     values: ParameterValues
     trajectory: Trajectory
     schedules: tuple[Schedule, ...]
     records: tuple[PhaseRecord, ...]
+    jumps_limited: bool = False
 
     @classmethod
     def of(cls, program: NonlinearProgram, solution: Solution, values: ParameterValues) -> OptimalCycle:
         """Read a solution."""
         trajectory = program.unpack(solution.x, solution.p)
         schedules = tuple(schedule_of(trajectory, name) for name in PHASES)
-        records = tuple(_record(values, trajectory, schedule) for schedule in schedules)
-        return cls(values, trajectory, schedules, records)
+        fractions = np.linspace(0.0, 1.0, SAMPLES)
+        records = tuple(_record(values, trajectory, schedule, fractions) for schedule in schedules)
+        jumps_limited = any(link.name.startswith(SPEED_JUMP) for link in program.problem.links)
+        return cls(values, trajectory, schedules, records, jumps_limited)
+
+    @property
+    def limits(self) -> list[Limit]:
+        """The limits that the program kept: it does not bound the rate of an elevation that is linear in time."""
+        return [limit for limit in limits_of(self.values.structure) if limit.quantity not in self._unbounded]
+
+    @property
+    def _unbounded(self) -> set[str]:
+        return {"elevation_rate"}.intersection(self.trajectory.statics)
+
+    @cached_property
+    def fine_records(self) -> tuple[PhaseRecord, ...]:
+        """The phases sampled `SAMPLES_OF_AN_INTERVAL` times in each interval of the mesh, however short it is."""
+        parts = np.arange(SAMPLES_OF_AN_INTERVAL) / SAMPLES_OF_AN_INTERVAL
+        found = []
+        for schedule in self.schedules:
+            borders = self.trajectory[schedule.name].mesh.borders
+            inside = borders[:-1, None] + np.diff(borders)[:, None] * parts
+            found.append(_record(self.values, self.trajectory, schedule, np.append(inside.ravel(), 1.0)))
+        return tuple(found)
 
     @property
     def energy_J(self) -> float:
@@ -102,18 +135,19 @@ def _coefficients(phase: PhaseTrajectory, control: Variable) -> np.ndarray:
     return coefficients
 
 
-def _record(values: ParameterValues, trajectory: Trajectory, schedule: Schedule) -> PhaseRecord:
+def _record(
+    values: ParameterValues, trajectory: Trajectory, schedule: Schedule, fractions: np.ndarray
+) -> PhaseRecord:
+    """Sample a phase at fractions of its time, increasing."""
     phase = trajectory[schedule.name]
-    fractions = np.linspace(0.0, 1.0, SAMPLES)
     time = fractions * phase.duration
     states = phase.mesh.state_matrix(fractions)
     length = states @ phase.values["tether_length"]
     if "elevation" in phase.values:
         elevation = states @ phase.values["elevation"]
     else:
-        elevation = np.full(SAMPLES, trajectory.statics["elevation"])
-    outputs = outputs_on_schedule(values, schedule, time, length, elevation)
-    return PhaseRecord(schedule.name, time, length, elevation, outputs, phase.integrals["power"])
+        elevation = np.full(fractions.size, trajectory.statics["elevation"])
+    return record_on_schedule(values, schedule, time, (length, elevation), phase.integrals["power"])
 
 
 def active_limits(cycle: OptimalCycle) -> dict[str, list[dict[str, Any]]]:
@@ -126,22 +160,30 @@ def active_limits(cycle: OptimalCycle) -> dict[str, list[dict[str, Any]]]:
     for record in cycle.records:
         entries: list[dict[str, Any]] = [
             {"limit": limit.key, "value": values[limit.key], "share": share}
-            for limit in limits_of(values.structure)
+            for limit in cycle.limits
             if (share := limit.share(record, values, ACTIVE_WITHIN)) is not None
         ]
         entries += _rate_limits(cycle, record)
+        entries += _jump_limit(cycle, record)
         found[record.name] = sorted(entries, key=lambda entry: -entry["share"])
     return found
 
 
+def _jump_limit(cycle: OptimalCycle, record: PhaseRecord) -> list[dict[str, Any]]:
+    """Return what limits the jump of the reeling speed after a phase: the time that the winch has for it."""
+    key = "limits.phase_change_time_s"
+    jump = next(jump for jump in speed_jumps(cycle.records, cycle.values) if jump["from_phase"] == record.name)
+    if cycle.jumps_limited and abs(jump["jump_m_s"]) >= (1 - ACTIVE_WITHIN) * jump["allowed_m_s"]:
+        return [{"limit": key, "value": cycle.values[key], "share": 0.0}]
+    return []
+
+
 def _rate_limits(cycle: OptimalCycle, record: PhaseRecord) -> list[dict[str, Any]]:
-    key = "limits.reeling_acceleration_max_m_s2"
-    phase: PhaseTrajectory = cycle.trajectory[record.name]
-    speed, limit = phase.values["reeling_speed"], cycle.values[key]
-    steps = np.diff(phase.mesh.points) * phase.duration
-    active = np.abs(np.diff(speed)) / steps >= (1 - ACTIVE_WITHIN) * limit
-    share = float(np.sum(steps[active]) / phase.duration)
-    return [{"limit": key, "value": limit, "share": share}] if share else []
+    limit = cycle.values[ACCELERATION]
+    fine = cycle.fine_records[cycle.records.index(record)]
+    active = np.abs(fine.rate("reeling_speed")) >= (1 - ACTIVE_WITHIN) * limit
+    share = float(np.sum(np.diff(fine.time_s)[active]) / fine.duration_s)
+    return [{"limit": ACCELERATION, "value": limit, "share": share}] if share else []
 
 
 def speed_jumps(records: Sequence[PhaseRecord], values: ParameterValues) -> list[dict[str, Any]]:

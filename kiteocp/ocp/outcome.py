@@ -59,7 +59,7 @@ def solve(problem: Problem, *, certificate: Level = "full") -> Result:
 def result_of(optimum: Optimum, total_time_s: float) -> Result:
     """Put an optimum into the form of the output contract."""
     cycle, values, problem = optimum.cycle, optimum.values, optimum.problem
-    phases = phase_summaries(cycle.records)
+    phases = phase_summaries(cycle.records, values)
     pause = values["limits.phase_change_time_s"]
     traction = cycle.records[-1]
     mean_elevation = float(np.trapezoid(traction.elevation_rad, traction.time_s)) / traction.duration_s

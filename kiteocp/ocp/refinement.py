@@ -243,7 +243,7 @@ def _cycle_time_s(cycle: OptimalCycle) -> float:
     return sum(record.duration_s for record in cycle.records) + pauses
 
 
-def adapted_mesh(mesh: PhaseMesh, errors: FloatArray, target: float = TARGET) -> PhaseMesh:
+def adapted_mesh(mesh: PhaseMesh, errors: FloatArray, target: float = TARGET, longest: float = 1.0) -> PhaseMesh:
     """Divide the intervals that owe much of the error, and join neighbours that owe next to nothing.
 
     Parameters
@@ -254,6 +254,8 @@ def adapted_mesh(mesh: PhaseMesh, errors: FloatArray, target: float = TARGET) ->
         Error of each interval, shape (intervals,).
     target
         What all intervals of all phases may owe together.
+    longest
+        Share of the phase that joined intervals do not exceed: an optimum may hide from the points of long intervals.
 
     Returns
     -------
@@ -275,7 +277,8 @@ def adapted_mesh(mesh: PhaseMesh, errors: FloatArray, target: float = TARGET) ->
         longer = [] if beside[index] else [*run, index]
         width = shares[longer].sum()
         # A smooth error grows with this power of the length, or a higher one.
-        if len(longer) > 1 and np.sum(errors[longer] * (width / shares[longer]) ** mesh.degree) <= allowed:
+        fits = len(longer) > 1 and width <= longest * (1.0 + 1e-9)
+        if fits and np.sum(errors[longer] * (width / shares[longer]) ** mesh.degree) <= allowed:
             fractions[-1] = float(width)
             run = longer
         else:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from kiteocp.execution import one_at_a_time
 from kiteocp.ocp import certificate as certify
 from kiteocp.ocp.certificate import Certificate, Check, Level
+from kiteocp.ocp.collocation import PhaseMesh
 from kiteocp.ocp.formulation import Formulation, cycle_problem, deferred_rows
 from kiteocp.ocp.limits import SCALES
 from kiteocp.ocp.nlpsolver import Solution, Solver
@@ -26,6 +27,18 @@ Options = tuple[tuple[str, Any], ...]
 #: Times that the full certificate halves a mesh at most, and the collocation points that it goes up to.
 REFINEMENTS = 4
 MOST_POINTS = 500
+
+#: Times that intervals in which a limit is left are divided, and the parts of each.
+DIVISIONS = 3
+DIVISION_PARTS = 2
+
+#: Change of the power, relative, by which a solution on a divided mesh is another optimum, and is left alone.
+SAME_POWER = 1e-3
+
+#: Times that the quick certificate halves a mesh whose solution leaves limits between its points, or cannot be flown:
+#: that is no solution. It leaves every other mesh as it is.
+QUICK_REFINEMENTS = 2
+USELESS = frozenset({"limits", "re-simulation"})
 
 #: A mesh of so many points is halved a second time before it is adapted: that takes less time than to adapt it.
 CHEAP_POINTS = 60
@@ -51,7 +64,7 @@ class MeshSolution:
     solver, solution
         What solved it, and the result.
     halved
-        Whether every interval is half of one of the mesh before.
+        Whether every interval is half of one of the mesh before, or less.
     """
 
     formulation: Formulation
@@ -117,8 +130,8 @@ class Optimum:
     ----------
     problem, values
         What was solved.
-    solver
-        The solver of the mesh that the solution is on.
+    formulation, solver
+        Of the mesh that the solution is on.
     attempts
         Solutions from all starts on the coarsest mesh.
     solution
@@ -133,6 +146,7 @@ class Optimum:
 
     problem: Problem
     values: ParameterValues
+    formulation: Formulation
     solver: Solver
     attempts: tuple[Attempt, ...]
     solution: Solution
@@ -169,18 +183,57 @@ def optimise(problem: Problem, *, certificate: Level = "full") -> Optimum:
             if adaptations == ADAPTATIONS:
                 break
             adaptations += 1
-            steps = _adapted(meshes[-1], values, options)
+            steps = _adapted(meshes[-1], formulation.mesh, values, options)
         last = (steps or meshes)[-1]
         finer = last.formulation.refined()
         halved = None if finer.points > MOST_POINTS and count else last.on(finer, values, options, halved=True)
         if halved is None:
             break
         meshes += [*steps, halved]
-        optimum = _judged(problem, values, attempts, meshes, certificate)
+        optimum = _within_limits(_judged(problem, values, attempts, meshes, certificate), meshes, options)
         unflyable = 0 if optimum.facts["resimulation"]["completed"] else unflyable + 1
         if optimum.certificate.passed or unflyable == UNFLYABLE:
             break
-    return optimum or _judged(problem, values, attempts, meshes, certificate)
+    if optimum is None:
+        optimum = _judged(problem, values, attempts, meshes, certificate)
+    return _made_useful(optimum, meshes, options) if certificate == "quick" else optimum
+
+
+def _within_limits(optimum: Optimum, meshes: list[MeshSolution], options: Options) -> Optimum:
+    """Divide, again and again, the intervals in which a limit is left, where that is all that is wrong with a solution.
+
+    The divided mesh takes the place of the one that it divides: both refine the mesh before.
+    """
+    for _ in range(DIVISIONS):
+        if {check.name for check in optimum.certificate.failures} != {"limits"}:
+            break
+        last = meshes[-1]
+        beyond = certify.intervals_beyond(optimum.cycle)
+        mesh: dict[str, PhaseMesh] = {
+            name: last.formulation.mesh[name].divided(passed, DIVISION_PARTS) for name, passed in beyond.items()
+        }
+        formulation = last.formulation.on_mesh(mesh)
+        if formulation.points > MOST_POINTS:
+            break
+        divided = last.on(formulation, optimum.values, options, halved=last.halved)
+        if divided is None or abs(divided.mean_power_W - last.mean_power_W) > SAME_POWER * abs(last.mean_power_W):
+            break
+        meshes[-1] = divided
+        optimum = _judged(optimum.problem, optimum.values, optimum.attempts, meshes, "full")
+    return optimum
+
+
+def _made_useful(optimum: Optimum, meshes: list[MeshSolution], options: Options) -> Optimum:
+    """Halve the mesh of a quick certificate where its solution is none."""
+    for _ in range(QUICK_REFINEMENTS):
+        if not USELESS.intersection(check.name for check in optimum.certificate.failures):
+            break
+        halved = meshes[-1].on(meshes[-1].formulation.refined(), optimum.values, options, halved=True)
+        if halved is None:
+            break
+        meshes.append(halved)
+        optimum = _judged(optimum.problem, optimum.values, optimum.attempts, meshes, "quick")
+    return optimum
 
 
 def _better_adapted(mesh: MeshSolution, values: ParameterValues) -> bool:
@@ -191,15 +244,23 @@ def _better_adapted(mesh: MeshSolution, values: ParameterValues) -> bool:
     return bool(owed > 2.0 * certify.MESH_TOLERANCE)
 
 
-def _adapted(start: MeshSolution, values: ParameterValues, options: Options) -> list[MeshSolution]:
-    """Adapt the mesh step by step until its intervals owe no more than `refinement.TARGET`, or it gets too large."""
+def _adapted(
+    start: MeshSolution, first: Mapping[str, PhaseMesh], values: ParameterValues, options: Options
+) -> list[MeshSolution]:
+    """Adapt the mesh step by step until its intervals owe no more than `refinement.TARGET`, or it gets too large.
+
+    No interval becomes longer than those of the first mesh.
+    """
     found: list[MeshSolution] = []
     for _ in range(ADAPTING_STEPS):
         last = (found or [start])[-1]
         errors = last.errors(values)
         if sum(phase.total.sum() for phase in errors.values()) <= TARGET:
             break
-        mesh = {name: adapted_mesh(phase, errors[name].total) for name, phase in last.formulation.mesh.items()}
+        mesh = {
+            name: adapted_mesh(phase, errors[name].total, longest=max(first[name].interval_fractions))
+            for name, phase in last.formulation.mesh.items()
+        }
         formulation = last.formulation.on_mesh(mesh)
         # It has to be halved afterwards.
         if 2 * formulation.points > MOST_POINTS:
@@ -240,6 +301,7 @@ def _judged(
     return Optimum(
         problem,
         values,
+        meshes[-1].formulation,
         solver,
         tuple(attempts),
         solution,

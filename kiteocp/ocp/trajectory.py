@@ -140,8 +140,9 @@ class PhaseTrajectory:
         """States, algebraics and controls at `wanted`."""
         phase, state_matrix = self.phase, self.mesh.state_matrix(wanted)
         matrices = {False: self.mesh.control_matrix(wanted), True: self.mesh.continuous_matrix(wanted)}
+        others = (*phase.algebraics, *phase.controls)
         result = {v.name: state_matrix @ self.values[v.name] for v in phase.states}
-        return result | {v.name: matrices[v.continuous] @ self.values[v.name] for v in (*phase.algebraics, *phase.controls)}
+        return result | {v.name: matrices[v.continuous] @ self.values[v.name] for v in others}
 
     def _call(self, wanted: FloatArray, unknowns: Mapping[str, FloatArray]) -> list[FloatArray]:
         """Evaluate derivatives, residuals, constraints and outputs of the model at `wanted`, one row per quantity."""

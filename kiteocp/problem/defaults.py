@@ -13,6 +13,8 @@ FORCE_RATIO_MIN = 0.03
 FORCE_RATIO_RETRACTION = 0.25
 #: Mesh intervals of a phase: one smooth curve of the force needs few, a schedule beside it more.
 PLAIN_RETRACTION_INTERVALS, PLAIN_TRACTION_INTERVALS, RICH_INTERVALS = 3, 1, 4
+#: Where the course steers the elevation, an optimum on fewer intervals dives between the points below its least one.
+STEERED_INTERVALS = 8
 
 
 def resolved(content: dict[str, Any]) -> dict[str, Any]:
@@ -37,7 +39,8 @@ def resolved(content: dict[str, Any]) -> dict[str, Any]:
     steady = optimisation["traction_elevation"] == "constant" and fixed
     everywhere = optimisation["power_setting"] == "all"
     _derive(optimisation["mesh"], "retraction_intervals", RICH_INTERVALS if everywhere else PLAIN_RETRACTION_INTERVALS)
-    _derive(optimisation["mesh"], "traction_intervals", PLAIN_TRACTION_INTERVALS if steady else RICH_INTERVALS)
+    rich = STEERED_INTERVALS if optimisation["traction_elevation"] == "course-coupled" else RICH_INTERVALS
+    _derive(optimisation["mesh"], "traction_intervals", PLAIN_TRACTION_INTERVALS if steady else rich)
     return filled
 
 

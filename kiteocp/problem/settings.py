@@ -154,7 +154,7 @@ class Mesh(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             "intervals of the traction phase",
             ge=1,
             le=200,
-            derived="1 for a constant elevation and a fixed power setting, else 4",
+            derived="1 for a constant elevation and a fixed power setting, 8 for a course-coupled elevation, else 4",
         ),
     ]
     degree: Annotated[int, quantity("1", "Radau points of an interval", ge=1, le=9)] = 5

@@ -146,7 +146,7 @@ def test_a_phase_without_a_direction_has_no_length_law(cycle):
 
 def test_violations_name_the_worst_of_a_phase_in_the_unit_of_the_file(cycle, flown):
     values = cycle.values.replaced({"limits.tether_force_max_N": 4000.0, "limits.traction_elevation_min_deg": 25.0})
-    found = {(v["limit"], v["phase"]): v for v in violations_of(flown, values)}
+    found = {(v["limit"], v["phase"]): v for v in violations_of(flown, values, cycle.limits)}
     force = found["limits.tether_force_max_N", "traction"]
     assert force["reached"] == pytest.approx(5000.0, rel=1e-3)
     assert force["excess_percent"] == pytest.approx(25.0, abs=0.1)
