@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from kiteocp.errors import SolveError
 from kiteocp.execution import one_at_a_time
 from kiteocp.ocp import certificate as certify
 from kiteocp.ocp.certificate import Certificate, Check, Level
@@ -196,7 +197,7 @@ def optimise(problem: Problem, *, certificate: Level = "full") -> Optimum:
             break
     if optimum is None:
         optimum = _judged(problem, values, attempts, meshes, certificate)
-    return _made_useful(optimum, meshes, options) if certificate == "quick" else optimum
+    return _made_useful(optimum, options) if certificate == "quick" else optimum
 
 
 def _within_limits(optimum: Optimum, meshes: list[MeshSolution], options: Options) -> Optimum:
@@ -209,9 +210,8 @@ def _within_limits(optimum: Optimum, meshes: list[MeshSolution], options: Option
             break
         last = meshes[-1]
         beyond = certify.intervals_beyond(optimum.cycle)
-        mesh: dict[str, PhaseMesh] = {
-            name: last.formulation.mesh[name].divided(passed, DIVISION_PARTS) for name, passed in beyond.items()
-        }
+        before = last.formulation.mesh
+        mesh = {str(name): before[name].divided(passed, DIVISION_PARTS) for name, passed in beyond.items()}
         formulation = last.formulation.on_mesh(mesh)
         if formulation.points > MOST_POINTS:
             break
@@ -223,16 +223,24 @@ def _within_limits(optimum: Optimum, meshes: list[MeshSolution], options: Option
     return optimum
 
 
-def _made_useful(optimum: Optimum, meshes: list[MeshSolution], options: Options) -> Optimum:
-    """Halve the mesh of a quick certificate where its solution is none."""
+def _made_useful(optimum: Optimum, options: Options) -> Optimum:
+    """Search again on a mesh of half the intervals' length where the solution of a quick certificate is none.
+
+    There is no going on from it: a cycle that lives on what the mesh does not see may lead to a worse local optimum.
+    """
+    problem, values = optimum.problem, optimum.values
     for _ in range(QUICK_REFINEMENTS):
-        if not USELESS.intersection(check.name for check in optimum.certificate.failures):
+        failures = {check.name for check in optimum.certificate.failures}
+        if not failures or not failures <= USELESS:
             break
-        halved = meshes[-1].on(meshes[-1].formulation.refined(), optimum.values, options, halved=True)
-        if halved is None:
+        finer = optimum.formulation.refined()
+        try:
+            attempts = search(values, finer, options)
+            best = best_of(attempts).solution
+        except SolveError:
             break
-        meshes.append(halved)
-        optimum = _judged(optimum.problem, optimum.values, optimum.attempts, meshes, "quick")
+        mesh = MeshSolution(finer, cycle_solver(values.structure, finer, options), best, halved=False)
+        optimum = _judged(problem, values, attempts, [mesh], "quick")
     return optimum
 
 

@@ -21,9 +21,6 @@ TIME_SERIES_CHANNELS: tuple[str, ...] = (
     "tether_force_kite_N",
     "tether_force_ground_N",
     "power_W",
-    "power_setting",
-    "course_deg",
-    "elevation_rate_deg_s",
 )
 
 #: The keys every phase and the cycle have in ``summary.json``; a missing value is null.

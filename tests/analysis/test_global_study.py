@@ -39,7 +39,8 @@ def tiny_study() -> GlobalStudy:
 
 @cache
 def resolver_of(problem: Problem) -> Resolver:
-    return Resolver.of(problem, tuple(uncertainties(problem)[0]), optimise(problem, certificate="quick").solution)
+    nominal = optimise(problem, certificate="quick")
+    return Resolver.of(problem, tuple(uncertainties(problem)[0]), nominal.solution, nominal.formulation)
 
 
 def test_indices_of_a_linear_function_are_its_squared_shares() -> None:

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 
 from benchmarks.family import WIND_KEY
 from kiteocp import load_problem
-from kiteocp.ocp import solution
 from kiteocp.ocp.collocation import PhaseMesh
 from kiteocp.ocp.formulation import Formulation
 from kiteocp.ocp.optimum import OptimalCycle
 from kiteocp.ocp.refinement import MOST_PARTS, TARGET, WORST_SHARE, IntervalErrors, adapted_mesh, interval_errors
+from kiteocp.ocp.search import best_of, cycle_solver, search, solver_options
 from kiteocp.ocp.solution import MeshSolution, optimise
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem
@@ -74,9 +74,9 @@ def kinked() -> Problem:
 def on_meshes(light: bool, halvings: int) -> tuple[MeshSolution, ...]:
     """Solve on the mesh of the file and on halved ones."""
     problem = light_wind() if light else kinked()
-    optimum, values = optimise(problem, certificate="quick"), parameter_values(problem)
-    options = solution.solver_options(problem)
-    found = [MeshSolution(Formulation.of(problem), optimum.solver, optimum.solution, halved=False)]
+    values, formulation, options = parameter_values(problem), Formulation.of(problem), solver_options(problem)
+    solver, best = cycle_solver(values.structure, formulation, options), best_of(search(values, formulation, options))
+    found = [MeshSolution(formulation, solver, best.solution, halved=False)]
     for _ in range(halvings):
         finer = found[-1].on(found[-1].formulation.refined(), values, options, halved=True)
         assert finer is not None

@@ -114,7 +114,7 @@ def test_names_line_up_with_rows(program: NonlinearProgram) -> None:
         else:
             # Of a polynomial of degree 3 the first and the last coefficient of the slope are the slopes at the ends.
             for interval in range(phase.mesh.intervals):
-                inside = np.add(phase.mesh.borders[interval : interval + 2], (1e-7, -1e-7))
+                inside = phase.mesh.borders[interval : interval + 2] + np.array([1e-7, -1e-7])
                 ends = (phase.mesh.continuous_matrix(inside + 1e-8) - phase.mesh.continuous_matrix(inside)) @ a
                 found = rows["rate"][[max(3 * interval - 1, 0), 3 * interval + 1]]
                 np.testing.assert_allclose(found, ends / (1e-8 * phase.duration), rtol=1e-4, atol=1e-4)
