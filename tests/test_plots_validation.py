@@ -89,7 +89,9 @@ def test_every_phase_of_every_cycle_is_a_line_of_its_own(cases, drawn, stem, cha
 def test_phases_are_shaded_where_the_cycle_with_gravity_has_them(cases, drawn):
     for axes, cycles in zip(drawn["power"].axes, cases.values(), strict=True):
         cycle = cycles[INCLUDED]
-        bands = sorted((patch.get_x(), patch.get_x() + patch.get_width()) for patch in axes.patches)
+        # A band is a rectangle or a polygon, as the version of matplotlib has it.
+        outlines = (patch.get_path().transformed(patch.get_patch_transform()) for patch in axes.patches)
+        bands = sorted(outline.get_extents().intervalx.tolist() for outline in outlines)
         times = [cycle.channel("time_s", phase) for phase in ("retraction", "transition", "traction")]
         assert np.allclose(bands, [(time[0], time[-1]) for time in times])
 

@@ -66,6 +66,7 @@ def test_distributions_carry_what_they_should(distributions: tuple[Path, Path]) 
     with tarfile.open(source) as archive:
         names = {name.partition("/")[2] for name in archive.getnames()}
     assert {"pyproject.toml", "LICENSE", "CHANGELOG.md", "CITATION.cff", "problems/v3-kite.yaml"} <= names
+    assert {"CONTRIBUTING.md", "Makefile", "requirements/demo.txt", "requirements/test.txt"} <= names
 
 
 def test_the_wheel_checks_every_shipped_problem(fresh_python: Path, tmp_path: Path) -> None:
