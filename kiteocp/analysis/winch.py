@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -65,9 +65,12 @@ class WinchExport:
 
         Raises
         ------
+        InputError
+            The kind is none.
         KeyError
             It was not flown.
         """
+        check_word("kind", kind, get_args(Kind))
         for one in self.evaluations:
             if one.kind == kind and one.wind_factor == wind_factor:
                 return one

@@ -30,7 +30,7 @@ from kiteocp.physics.parameters import ParameterValues, Structure, parameters_of
 SCHEDULED = ("radial_ground_force", "power_setting", "elevation_rate", "course")
 
 #: Highest polynomial degree of a piece plus one.
-COEFFICIENTS = 8
+COEFFICIENTS = 9
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,6 +67,8 @@ def estimate(
     InputError
         There is no such cycle, too little data, or flight and problem do not belong together.
     """
+    if wind is not None:
+        check_word("wind", wind, get_args(WindSource))
     chosen = _chosen(flight, cycles)
     warnings: list[str] = []
     source = wind or _available(chosen)
