@@ -16,7 +16,7 @@ from kiteocp.analysis.winch_flight import Switching
 from kiteocp.analysis.winch_law import Kind, WinchLaw, fit_force_law, fit_length_law
 from kiteocp.analysis.winch_report import format_report
 from kiteocp.cycle.phases import PhaseName
-from kiteocp.errors import SolveError
+from kiteocp.errors import SolveError, check_word
 from kiteocp.ocp.optimum import OptimalCycle
 from kiteocp.ocp.solution import Optimum, optimise
 from kiteocp.problem import Problem

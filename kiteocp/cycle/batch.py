@@ -145,7 +145,8 @@ def _table(values: ParameterValues, parameters: Mapping[str, npt.ArrayLike]) -> 
         try:
             column = np.atleast_1d(np.asarray(given, dtype=float))
         except (TypeError, ValueError):
-            raise InputError(f"{key} is {shortened(repr(given), 60)}; give a list of numbers.", file="parameters") from None
+            shown = shortened(repr(given), 60)
+            raise InputError(f"{key} is {shown}; give a list of numbers.", file="parameters") from None
         if column.ndim != 1 or column.size == 0 or not np.all(np.isfinite(column)):
             raise InputError(
                 f"{key} must be a list of finite numbers, not of shape {column.shape} with "
@@ -183,8 +184,8 @@ def _check_together(structure: Structure, table: np.ndarray, given: Collection[s
     if not given:
         return
     # The numbers of kite, tether and air have no partner that could contradict them.
-    rows = [row for row, key in enumerate(structure.keys) if key.startswith(("operation.", "limits.", "environment.wind."))]
-    varied = [row for row in rows if structure.keys[row] in given]
+    together = ("operation.", "limits.", "environment.wind.")
+    varied = [row for row, key in enumerate(structure.keys) if key in given and key.startswith(together)]
     _, firsts = np.unique(table[varied], axis=1, return_index=True) if varied else (None, np.zeros(1, dtype=int))
     nested = _nested(structure)
     fail = failing("parameters", {})

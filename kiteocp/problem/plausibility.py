@@ -19,11 +19,11 @@ Block = Mapping[str, Any]
 #: Nominal sizes of kites are flat areas. Those that go by a name, in m2.
 FLAT_AREA_M2 = {"v3": 25.0, "v9": 60.0}
 
-#: Largest plausible change of the wind with height in 1/s from `SHEAR_HEIGHT_M` upwards. A logarithmic wind of 15 m/s at
-#: 10 m over a roughness of 0.1 m has 0.33 there, and less above; low-level jets have some 0.1.
+#: Largest plausible change of the wind with height in 1/s from `SHEAR_HEIGHT_M` upwards. A logarithmic wind of 15 m/s
+#: at 10 m over a roughness of 0.1 m has 0.33 there, and less above; low-level jets have some 0.1.
 SHEAR_MAX_1_S, SHEAR_HEIGHT_M = 0.5, 10.0
 
-_AREA = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)\s*(?:m2|m²|m\^2|sqm|square met)", re.IGNORECASE)
+_AREA = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)\s*(?:m2|m\u00b2|m\^2|sqm|square met)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ CHECKS = (
     Check("kite.depowered.lift_to_drag", 0.02, 80.0, "is it drag over lift, or in percent?"),
     Check("tether.diameter_m", 0.0003, 0.1, "is it in mm or cm instead of m?"),
     # Braided fibre has 700 to 1000, with conductors up to 3000, steel 7850.
-    Check("tether.density_kg_m3", 300.0, 9000.0, "is it in g/cm3, or kg for a length? Braided HMPE has about 724 kg/m3"),
+    Check("tether.density_kg_m3", 300.0, 9000.0, "is it in g/cm3 instead of kg/m3? Braided fibre has about 724 kg/m3"),
     Check("tether.drag_coefficient", 0.05, 3.0, "a cylinder across the flow has about 1.1", zero_is_meant=True),
     # A soft kite is loaded with 100 to 600 N/m2, a rigid one with 10000.
     Check("limits.tether_force_max_N", 60.0, 50000.0, "is it in kgf, daN or kN instead of N?", by_area=True),
@@ -123,8 +123,8 @@ def _flat_area(content: Block) -> Iterator[str]:
     stated = {float(number) for number in _AREA.findall(texts)}
     if any(abs(area - size) < 1e-3 * size for size in named | stated):
         yield (
-            f"kite.projected_area_m2 is {show(area)}, the size by which the kite goes: that is usually the flat area, and "
-            "the projected one some 20 % smaller; give the area to which the coefficients refer"
+            f"kite.projected_area_m2 is {show(area)}, the size by which the kite goes: that is usually the flat area, "
+            "and the projected one some 20 % smaller; give the area to which the coefficients refer"
         )
 
 
@@ -132,8 +132,8 @@ def _wind_table(heights: list[float], speeds: list[float], altitudes_m: tuple[fl
     path = "environment.wind.speeds_m_s"
     if max(speeds) < 2.5:
         yield (
-            f"{path} are {show(max(speeds))} m/s at most, in which no kite flies: are they factors of a reference speed? "
-            "Multiply them by it"
+            f"{path} are {show(max(speeds))} m/s at most, in which no kite flies: are they factors of a reference "
+            "speed? Multiply them by it"
         )
     if max(speeds) > 80.0:
         yield f"{path} reach {show(max(speeds))} m/s, more than any storm: are they in another unit than m/s?"
@@ -142,7 +142,7 @@ def _wind_table(heights: list[float], speeds: list[float], altitudes_m: tuple[fl
         steep = abs(above - below) > SHEAR_MAX_1_S * (high - low)
         if steep and low >= SHEAR_HEIGHT_M and high > lowest and low < highest:
             yield (
-                f"{path} steps from {show(below)} to {show(above)} m/s between {show(low)} and {show(high)} m, where the "
-                "kite may fly: no wind changes so fast, and an optimum can hang on such a step or not be found; check the "
-                "table or smooth the step"
+                f"{path} steps from {show(below)} to {show(above)} m/s between {show(low)} and {show(high)} m, where "
+                "the kite may fly: no wind changes so fast, and an optimum can hang on such a step or not be found; check "
+                "the table or smooth the step"
             )

@@ -243,7 +243,8 @@ def _note_lines(node: yaml.Node, path: str, lines: dict[str, int], label: str, a
     seen: dict[str, int] = {}
     for key, value in node.value:
         # A key may be a list or a block, which the check of the keys refuses.
-        name = shortened(str(key.value), 200) if isinstance(key, yaml.ScalarNode) else f"{key.tag} {key.start_mark.index}"
+        plain = isinstance(key, yaml.ScalarNode)
+        name = str(key.value) if plain else f"{key.tag} {key.start_mark.index}"
         line = key.start_mark.line + 1
         child = f"{path}.{name}" if path else name
         if name in seen:

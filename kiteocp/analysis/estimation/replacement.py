@@ -32,9 +32,10 @@ def estimated_problem(estimation: Estimation) -> Problem:
     uncertain = {
         f"uncertainty.{key}": {"standard_deviation": _rounded(error)} for key, error in errors.items() if error > 0
     }
+    flight = printable(estimation.flight.name)
     names = {
         "name": f"{estimation.problem.name}-estimated"[:100],
-        "source": f"estimated from the flight {printable(estimation.flight.name)}; the rest as {estimation.problem.name}",
+        "source": f"estimated from the flight {flight}; the rest as {estimation.problem.name}",
     }
     return estimation.problem.with_values({**changes, **uncertain, **names})
 
@@ -43,8 +44,9 @@ def problem_yaml(estimation: Estimation) -> str:
     """Return the content of `FILE`."""
     wind = estimation.wind
     # The name of a file may hold a line break, which would end the comment.
+    flight = printable(estimation.flight.name)
     lines = [
-        f"# {estimation.problem.name} with what the flight {printable(estimation.flight.name)} shows: coefficients by the fit,",
+        f"# {estimation.problem.name} with what the flight {flight} shows: coefficients by the fit,",
         f"# wind by {wind.source} (it blows {wind.direction_offset_deg:+.1f} deg from the azimuth zero of the flight).",
         "# The standard errors are those of the estimate; what the model leaves out is not in them.",
         "",

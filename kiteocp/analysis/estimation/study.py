@@ -23,7 +23,7 @@ from kiteocp.analysis.estimation.wind import (
     winds_by_cycle,
 )
 from kiteocp.analysis.flights import FlightData
-from kiteocp.errors import CycleError, InputError
+from kiteocp.errors import CycleError, InputError, check_word
 from kiteocp.problem import Problem
 
 FloatArray = NDArray[np.float64]
