@@ -36,7 +36,8 @@ def lists_of_lists(name: str = "a", levels: int = 9) -> str:
 BOMBS = {
     "lists": lists_of_lists(),
     "maps": "m0: &m0 {k: 1}\n" + "".join(f"m{k}: &m{k} {{l: *m{k - 1}, r: *m{k - 1}}}\n" for k in range(1, 31)),
-    "merge": "x0: &x0 {k: 1}\n" + "".join(f"x{k}: &x{k} {{<<: [{', '.join([f'*x{k - 1}'] * 9)}]}}\n" for k in range(1, 9)),
+    "merge": "x0: &x0 {k: 1}\n"
+    + "".join(f"x{k}: &x{k} {{<<: [{', '.join([f'*x{k - 1}'] * 9)}]}}\n" for k in range(1, 9)),
     "wide": f"a: &a [{', '.join(['1'] * 2000)}]\nb: [{', '.join(['*a'] * 2000)}]\n",
 }  # fmt: skip
 
@@ -175,8 +176,7 @@ def test_files_with_long_or_unprintable_texts(capsys: pytest.CaptureFixture[str]
 
 
 def test_a_description_cannot_command_the_terminal(capsys: pytest.CaptureFixture[str]) -> None:
-    Path("odd.yaml").write_text(STRONG.replace("lift_to_drag: 4.0", "lift_to_drag: 4.0").replace(
-        "source: van", 'source: "\\e]0;title\\a"\n#', 1))  # fmt: skip
+    Path("odd.yaml").write_text(STRONG.replace("source: van", 'source: "\\e]0;title\\a"\n#', 1))
     assert main(["simulate", "odd.yaml", "--no-plot", "--json"]) == 0
     out = capsys.readouterr().out
     assert "\x1b" not in out
@@ -239,7 +239,7 @@ def test_every_declared_mesh_degree_solves(degree: int) -> None:
     result = kiteocp.solve(kiteocp.load_problem("v3-kite", {"optimisation.mesh.degree": degree}))
     assert result.status == ("certified" if degree > 1 else "not_certified")
     assert result.cycle["mean_power_W"] == pytest.approx(6251.52, rel=1e-4 if degree > 1 else 2e-3)
-    assert all(isinstance(count, int) for mesh in result.details["mesh"] for count in mesh["intervals"])
+    assert all(isinstance(count, int) for mesh in result.details["meshes"] for count in mesh["intervals"])
 
 
 @pytest.mark.parametrize(
@@ -259,9 +259,9 @@ def test_a_batch_is_checked_as_a_file_is(parameters: dict[str, object], words: s
 
 
 def test_the_entries_of_a_wind_table_are_checked_in_a_batch() -> None:
-    table = {"profile": "table", "heights_m": [0, 200, 800], "speeds_m_s": [8, 9, 10]}
+    table = {"profile": "table", "heights_m": [0, 200, 800], "speeds_m_s": [8, 16, 18]}
     problem = kiteocp.load_problem("strong-wind", {"environment.wind": table})
-    assert kiteocp.simulate_batch(problem, {"environment.wind.speeds_m_s[1]": np.linspace(9, 10, 5)}).flown.all()
+    assert kiteocp.simulate_batch(problem, {"environment.wind.speeds_m_s[1]": np.linspace(15, 16, 5)}).flown.all()
     for key, value in (("speeds_m_s[1]", -1.0), ("heights_m[1]", 900.0)):
         with pytest.raises(InputError, match=key.partition("[")[0]):
             kiteocp.simulate_batch(problem, {f"environment.wind.{key}": [9.0, value]})
@@ -270,7 +270,7 @@ def test_the_entries_of_a_wind_table_are_checked_in_a_batch() -> None:
 def test_mutated_files_and_overrides_get_one_sentence(capsys: pytest.CaptureFixture[str]) -> None:
     """Bytes and lines of a problem file cut, doubled, swapped and replaced, with a fixed seed."""
     draw = random.Random(7)
-    pieces = [b"\x00", b"\x1b[31m", b"&a ", b"*a", b"<<: ", b"[", b"}", b"? ", b"!!int ", b"1e999", b"\xff", b"|\n", b"- "]
+    pieces = [b"\x00", b"\x1b[31m", b"&a ", b"*a", b"<<: ", b"[", b"}", b"? ", b"!!int ", b"1e999", b"\xff", b"|\n"]
     source = STRONG.encode()
     for _ in range(300):
         content = bytearray(source)

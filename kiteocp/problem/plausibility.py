@@ -143,6 +143,6 @@ def _wind_table(heights: list[float], speeds: list[float], altitudes_m: tuple[fl
         if steep and low >= SHEAR_HEIGHT_M and high > lowest and low < highest:
             yield (
                 f"{path} steps from {show(below)} to {show(above)} m/s between {show(low)} and {show(high)} m, where "
-                "the kite may fly: no wind changes so fast, and an optimum can hang on such a step or not be found; check "
-                "the table or smooth the step"
+                "the kite may fly: no wind changes so fast, and an optimum can hang on such a step or not be found; "
+                "check the table or smooth the step"
             )

@@ -198,14 +198,14 @@ def _check_extent(text: str, label: str) -> None:
                     sizes[event.anchor] = 1
             elif isinstance(event, yaml.AliasEvent):
                 # One that is not known, or not complete, gets its own message from the composer.
-                size = sizes.get(event.anchor, 1)
+                size = sizes.get(str(event.anchor), 1)
             total += size
             if total > VALUE_LIMIT:
                 raise InputError(
                     f"holds more than {VALUE_LIMIT} values, those behind aliases counted each time; write out the few "
                     "that a file needs",
                     file=label,
-                    line=event.start_mark.line + 1,
+                    line=None if event.start_mark is None else event.start_mark.line + 1,
                 )
     except yaml.MarkedYAMLError:
         # The parser looks far ahead of its events, and its newer versions have a limit of their own there.

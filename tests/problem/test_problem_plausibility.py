@@ -48,7 +48,7 @@ FACTORS = {"profile": "table", "heights_m": [0, 100, 500], "speeds_m_s": [0.3, 1
     ],
 )
 def test_a_slip_is_one_sentence_with_its_key(values: dict[str, Any], key: str, slip: str) -> None:
-    (warning,) = [text for text in load_problem("v3-kite", values).warnings() if text.startswith(f"{key} ")]
+    (warning,) = [text for text in implausible(load_problem("v3-kite", values)) if text.startswith(f"{key} ")]
     assert slip in warning
     assert "\n" not in warning
 
@@ -91,8 +91,11 @@ def test_a_step_in_the_wind_table_is_named() -> None:
 def test_no_kite_from_2_to_1000_m2_is_implausible(
     area: float, mass: float, load: float, power: float, wind: float
 ) -> None:
-    """Soft and rigid kites: mass, force and power grow with the area, the tether with the force (0.5 GPa)."""
-    force = load * area
+    """Soft and rigid kites: mass, force and power grow with the area, the tether with the force (0.5 GPa).
+
+    The force stops where a tether of today does, at 3 MN and a diameter of 87 mm.
+    """
+    force = min(load * area, 3e6)
     problem = problem_from_dict(
         {
             "name": "any",
@@ -107,5 +110,4 @@ def test_no_kite_from_2_to_1000_m2_is_implausible(
             "limits": {"tether_force_max_N": force, "generator_power_max_W": power * area},
         }
     )
-    limit = (12000.0 * 1000.0 / 4e8) ** 0.5
-    assert implausible(problem) == [] or problem.tether.diameter_m > 0.1 > limit / 2
+    assert implausible(problem) == []
