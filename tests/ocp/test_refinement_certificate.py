@@ -37,7 +37,7 @@ def halved(light_wind: Problem) -> Optimum:
         return optimise(light_wind)
 
 
-def names(optimum: Optimum) -> list[str]:
+def names(optimum: Optimum) -> list[list[int | str]]:
     return [mesh["intervals"] + ["adapted"] * mesh["adapted"] for mesh in optimum.facts["meshes"]]
 
 
@@ -62,9 +62,8 @@ def test_the_summary_says_what_the_meshes_are(adapted: Optimum) -> None:
     assert last["shortest_interval_s"] == pytest.approx(shortest, rel=1e-9)
     assert last["mean_power_W"] == adapted.mean_power_W
     [check] = [check for check in adapted.certificate.checks if check.name == "mesh"]
-    assert (
-        f"from mesh {before['intervals']} to {last['intervals']}, its shortest interval {shortest:.2g} s" in check.text
-    )
+    first, second = (f"{tuple(mesh['intervals'])} adapted" for mesh in (before, last))
+    assert f"from mesh {first} to {second}, its shortest interval {shortest:.2g} s" in check.text
     assert check.value == pytest.approx(abs(before["mean_power_W"] / last["mean_power_W"] - 1.0), rel=1e-3)
 
 
