@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from kiteocp import errors as errors
+    from kiteocp import plots as plots
     from kiteocp.analysis.crosswind import crosswind as crosswind
     from kiteocp.analysis.crosswind import representative_course as representative_course
     from kiteocp.analysis.estimation.study import estimate as estimate
@@ -41,6 +42,9 @@ if TYPE_CHECKING:
 
 #: The one place of the version; the build reads it here.
 __version__ = "0.1.0"
+
+#: Modules that are used by their names, as ``kiteocp.plots.draw``.
+_MODULES = ("errors", "plots")
 
 _HOMES: dict[str, str] = {
     "BatchResult": "kiteocp.cycle.batch",
@@ -88,6 +92,7 @@ __all__ = [
     "load_flight",
     "load_problem",
     "load_result",
+    "plots",
     "representative_course",
     "sensitivities",
     "shipped_problems",
@@ -104,8 +109,8 @@ def __getattr__(name: str) -> Any:
     import importlib  # noqa: PLC0415  (kept out of `import kiteocp`)
 
     value: Any
-    if name == "errors":
-        value = importlib.import_module("kiteocp.errors")
+    if name in _MODULES:
+        value = importlib.import_module(f"kiteocp.{name}")
     elif name in _HOMES:
         value = getattr(importlib.import_module(_HOMES[name]), name)
     else:

@@ -21,7 +21,7 @@ _UNPRINTABLE = frozenset(("Cc", "Cf", "Cs", "Zl", "Zp"))
 
 
 def printable(text: str, *, keep: str = "") -> str:
-    """Return a text that is safe to print: control and format characters as escapes, such as ``\\u001b``.
+    r"""Return a text that is safe to print: control and format characters as escapes, such as ``\u001b``.
 
     Text may come from a file that somebody else has written; an escape sequence in it could rewrite the terminal. The
     escapes are those of JSON, so that JSON stays what it was.

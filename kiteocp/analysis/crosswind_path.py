@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from kiteocp.errors import InputError
+from kiteocp.errors import InputError, check_word
 from kiteocp.ocp.collocation import FloatArray
 
 #: The kinds of path. A figure of eight with up-loops flies up at its sides and down across its middle.
@@ -127,8 +127,7 @@ def make_path(
     InputError
         The kind is unknown, or as `figure_of_eight`.
     """
-    if kind not in PATHS:
-        raise InputError(f"there is no path '{kind}'; known are {', '.join(PATHS)}")
+    check_word("kind", kind, PATHS)
     if kind == "circle":
         return circle(centre_elevation_deg, amplitude_deg)
     return figure_of_eight(centre_elevation_deg, amplitude_deg, elevation_amplitude_deg, up=kind == "eight-up")

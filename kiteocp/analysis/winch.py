@@ -6,7 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from kiteocp.analysis.winch_flight import Switching
 from kiteocp.analysis.winch_law import Kind, WinchLaw, fit_force_law, fit_length_law
 from kiteocp.analysis.winch_report import format_report
 from kiteocp.cycle.phases import PhaseName
-from kiteocp.errors import SolveError
+from kiteocp.errors import SolveError, check_word
 from kiteocp.execution import one_at_a_time
 from kiteocp.ocp.optimum import OptimalCycle
 from kiteocp.ocp.solution import Optimum, optimise
@@ -66,9 +66,12 @@ class WinchExport:
 
         Raises
         ------
+        InputError
+            The kind is none.
         KeyError
             It was not flown.
         """
+        check_word("kind", kind, get_args(Kind))
         for one in self.evaluations:
             if one.kind == kind and one.wind_factor == wind_factor:
                 return one

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 
 from kiteocp.cli.output import say
@@ -27,9 +28,11 @@ def run(arguments: argparse.Namespace) -> int:
     if not name or "/" in name or "\\" in name:
         raise InputError(f"'{arguments.name}' is not a name; give a plain one, and the path with -o FILE")
     path = Path(arguments.output) if arguments.output is not None else Path(f"{name}.yaml")
-    if path.is_dir():
+    # The functions of os.path take a folder that may not be entered, or a name that is too long, for one that is not
+    # there; writing then says why it cannot be.
+    if os.path.isdir(path):
         path /= f"{name}.yaml"
-    if path.exists() or path.is_symlink():
+    if os.path.lexists(path):
         raise InputError(f"{path}: is there already and is not overwritten; choose another file with -o FILE")
     write_atomically({path: problem_template(name).encode()})
     say(f"written: {path}")

@@ -8,9 +8,10 @@ the adaptive integrator, which also says why a cycle cannot be flown.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any, NoReturn
 
 import numpy as np
 import numpy.typing as npt
@@ -19,10 +20,13 @@ from kiteocp.cycle.cycle_function import COARSE, FINE, OUTPUT_NAMES, QUANTITIES,
 from kiteocp.cycle.phases import PHASES
 from kiteocp.cycle.simulation import fly
 from kiteocp.cycle.vectorised import VectorisedFunction
-from kiteocp.errors import CycleError, InputError
+from kiteocp.errors import CycleError, InputError, shortened
 from kiteocp.execution import one_at_a_time
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values
 from kiteocp.problem import Problem
+from kiteocp.problem.catalogue import catalogue
+from kiteocp.problem.checking import BOUNDS, checked_number, failing
+from kiteocp.problem.consistency import check_consistency
 
 #: Largest error estimate of the steps that is accepted: of 4000 random cycles none was then off by more than 5e-5.
 ERROR_ESTIMATE = 5e-4
@@ -79,7 +83,8 @@ def simulate_batch(
         The problem whose numbers hold where no others are given, or its parameter values.
     parameters
         By key path in the problem file (``kite.mass_kg``) n values each, in the units of the file, or one for all.
-        They are not checked as those of a problem file are.
+        They are checked as those of a problem file are, one by one and against each other; defaults that follow from
+        other keys do not follow them.
     gravity
         False leaves out all weights; of given parameter values it must stay True, as they have their own gravity.
 
@@ -90,7 +95,8 @@ def simulate_batch(
     Raises
     ------
     InputError
-        A key is no number of the problem, or its values are not n finite numbers.
+        A key is no number of the problem, its values are not n finite numbers, or one of the n problems would not be
+        valid; the message names the key and the first index.
     """
     if isinstance(problem, Problem):
         values = parameter_values(problem, gravity=gravity)
@@ -141,13 +147,15 @@ def _table(values: ParameterValues, parameters: Mapping[str, npt.ArrayLike]) -> 
         try:
             column = np.atleast_1d(np.asarray(given, dtype=float))
         except (TypeError, ValueError):
-            raise InputError(f"{key} is {given!r}; give a list of numbers.", file="parameters") from None
+            shown = shortened(repr(given), 60)
+            raise InputError(f"{key} is {shown}; give a list of numbers.", file="parameters") from None
         if column.ndim != 1 or column.size == 0 or not np.all(np.isfinite(column)):
             raise InputError(
                 f"{key} must be a list of finite numbers, not of shape {column.shape} with "
                 f"{np.count_nonzero(~np.isfinite(column))} that are none.",
                 file="parameters",
             )
+        _check_bounds(key, column)
         columns[key] = column
     count = max((column.size for column in columns.values()), default=1)
     table = np.repeat(values.vector[:, None], count, axis=1)
@@ -157,7 +165,63 @@ def _table(values: ParameterValues, parameters: Mapping[str, npt.ArrayLike]) -> 
                 f"{key} has {column.size} values, but others have {count}; give as many.", file="parameters"
             )
         table[values.structure.keys.index(key)] = column
+    _check_together(values.structure, table, columns)
     return table
+
+
+def _check_bounds(key: str, column: np.ndarray) -> None:
+    """Check the values of one key against its bounds in the problem file."""
+    path = key.partition("[")[0]
+    declared = next(known for known in catalogue().walk() if known.path == path)
+    for name, bound in declared.bounds.items():
+        _, holds = BOUNDS[name]
+        wrong = np.flatnonzero(~holds(column, bound))
+        if wrong.size:
+            index = f"[{wrong[0]}]" if column.size > 1 else ""
+            checked_number(float(column[wrong[0]]), failing("parameters", {}), declared, f"{key}{index}")
+
+
+def _check_together(structure: Structure, table: np.ndarray, given: Collection[str]) -> None:
+    """Check the keys against each other, once for each different set of the numbers that take part in that."""
+    if not given:
+        return
+    # The numbers of kite, tether and air have no partner that could contradict them.
+    together = ("operation.", "limits.", "environment.wind.")
+    varied = [row for row, key in enumerate(structure.keys) if key in given and key.startswith(together)]
+    _, firsts = np.unique(table[varied], axis=1, return_index=True) if varied else (None, np.zeros(1, dtype=int))
+    nested = _nested(structure)
+    fail = failing("parameters", {})
+    for sample in np.sort(firsts):
+        content = nested(table[:, sample])
+
+        def fail_here(path: str, message: str, sample: int = int(sample)) -> NoReturn:
+            fail(path, message if table.shape[1] == 1 else f"problem [{sample}]: {message}")
+
+        check_consistency(content, content, fail_here)
+
+
+def _nested(structure: Structure) -> Callable[[np.ndarray], dict[str, Any]]:
+    """Return the function from a parameter vector to the blocks of a problem file, limits that are absent as None."""
+    absent = {key.path: None for key in catalogue().walk() if key.nullable and key.path}
+    lists = {key.partition("[")[0] for key in structure.keys if key.endswith("]")}
+
+    def nest(vector: np.ndarray) -> dict[str, Any]:
+        leaves: dict[str, Any] = {**absent, **dict(structure.choices), **{path: [] for path in lists}}
+        for key, value in zip(structure.keys, vector.tolist(), strict=True):
+            if key.endswith("]"):
+                leaves[key.partition("[")[0]].append(value)
+            else:
+                leaves[key] = value
+        content: dict[str, Any] = {"uncertainty": {}}
+        for path, leaf in leaves.items():
+            *above, name = path.split(".")
+            block = content
+            for part in above:
+                block = block.setdefault(part, {})
+            block[name] = leaf
+        return content
+
+    return nest
 
 
 @lru_cache(maxsize=8)

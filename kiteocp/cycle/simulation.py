@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import lru_cache
+from typing import get_args
 
 import numpy as np
 
@@ -19,7 +20,7 @@ from kiteocp.cycle.summary import (
     validity_warnings,
 )
 from kiteocp.cycle.transition import transition_branches
-from kiteocp.errors import CycleError, InputError, NoEquilibriumError
+from kiteocp.errors import CycleError, InputError, NoEquilibriumError, check_word
 from kiteocp.execution import one_at_a_time
 from kiteocp.physics.flight import Place, solve_state
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values
@@ -31,6 +32,9 @@ SCALES = np.array([10.0, 100.0, 1.0, 1e4])
 
 #: A phase that takes longer than this never ends in practice.
 LONGEST_PHASE_S = 3600.0
+#: Smallest nondimensional time step of the finite differences: some million steps a cycle, a minute or so. Rounding
+#: outweighs what smaller ones gain.
+TIME_STEP_MIN = 1e-6
 
 #: A kite that reels slower than this at the end of its way has come to rest: it approaches a tether length for ever.
 STANDSTILL_M_S = 1e-6
@@ -77,12 +81,16 @@ def simulate(
     Raises
     ------
     InputError
-        The time step is not a positive number.
+        The time step is not a number of at least `TIME_STEP_MIN`, or the word for the equilibrium is not known.
     CycleError
         A state on the way does not exist, or a phase does not end.
     """
-    if time_step is not None and not 0 < time_step < np.inf:
-        raise InputError(f"time_step is {time_step}, but must be a positive number, as 0.01.")
+    check_word("equilibrium", equilibrium, get_args(Equilibrium))
+    if time_step is not None and not TIME_STEP_MIN <= time_step < np.inf:
+        raise InputError(
+            f"time_step is {time_step:g}, but must be a number not below {TIME_STEP_MIN:g}, as 0.01; without one the "
+            "integration is adaptive and more accurate"
+        )
     values = parameter_values(problem, gravity=gravity)
     flown = fly(values, equilibrium=equilibrium, time_step=time_step)
     records = [record_of(values, phase, adaptive=time_step is None) for phase in flown]

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
-from kiteocp.errors import SolveError
+from kiteocp.errors import SolveError, check_word
 from kiteocp.execution import one_at_a_time
 from kiteocp.ocp import certificate as certify
 from kiteocp.ocp.certificate import Certificate, Check, Level
@@ -93,7 +93,8 @@ class MeshSolution:
     def to_dict(self) -> dict[str, Any]:
         """Return the mesh as plain values for the summary."""
         return {
-            "intervals": self.name,
+            "intervals": list(self.formulation.intervals),
+            "adapted": self.formulation.interval_fractions is not None,
             "points": self.formulation.points,
             "shortest_interval_s": self.shortest_interval_s,
             "mean_power_W": self.mean_power_W,
@@ -170,6 +171,7 @@ def optimise(problem: Problem, *, certificate: Level = "full") -> Optimum:
     InfeasibleError, SolveError
         As `kiteocp.ocp.solve`.
     """
+    check_word("certificate", certificate, get_args(Level))
     values = parameter_values(problem)
     formulation = Formulation.of(problem)
     options = solver_options(problem)

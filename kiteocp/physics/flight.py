@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
-from kiteocp.errors import InputError, NoEquilibriumError
+from kiteocp.errors import InputError, NoEquilibriumError, check_word
 from kiteocp.execution import one_at_a_time
 from kiteocp.physics.equilibrium import OUTPUTS, EquilibriumFunctions, equilibrium_functions
 from kiteocp.physics.parameters import ParameterValues, parameter_values
@@ -73,6 +73,10 @@ class Place:
         )
 
 
+#: Which coefficients of the kite apply.
+Setting = Literal["powered", "depowered"]
+
+
 @one_at_a_time
 def flight_state(
     problem: Problem,
@@ -81,7 +85,7 @@ def flight_state(
     elevation_deg: float,
     azimuth_deg: float = 0.0,
     course_deg: float = 180.0,
-    setting: Literal["powered", "depowered"] = "powered",
+    setting: Setting = "powered",
     reeling_speed_m_s: float | None = None,
     reeling_factor: float | None = None,
     tether_force_kite_N: float | None = None,
@@ -111,10 +115,11 @@ def flight_state(
     Raises
     ------
     InputError
-        None or several of the four controls given.
+        None or several of the four controls given, or the setting is neither word.
     NoEquilibriumError
         No quasi-steady state exists; the message says which state and why.
     """
+    check_word("setting", setting, get_args(Setting))
     controls = {
         "reeling_speed": reeling_speed_m_s,
         "reeling_factor": reeling_factor,

@@ -17,7 +17,8 @@ from kiteocp.problem.reading import describe, is_number_text, show
 #: Raises the `InputError` of a key path and a message; knows file and line.
 Fail = Callable[[str, str], NoReturn]
 
-_BOUNDS: dict[str, tuple[str, Callable[[float, float], bool]]] = {
+#: Bounds of a number by their names in the catalogue: words, and the test, which holds for arrays too.
+BOUNDS: dict[str, tuple[str, Callable[[Any, float], Any]]] = {
     "gt": ("greater than", lambda value, bound: value > bound),
     "ge": ("at least", lambda value, bound: value >= bound),
     "lt": ("less than", lambda value, bound: value < bound),
@@ -43,7 +44,7 @@ def checked(content: Any, fail: Fail, key: Key | None = None) -> Any:
     if content is None and key.kind == "section" and not any(child.required for child in key.children.values()):
         return {}
     if key.kind in {"number", "integer"}:
-        return _checked_number(content, fail, key, key.path)
+        return checked_number(content, fail, key, key.path)
     check = {"mapping": _checked_mapping, "list": _checked_list, "text": _checked_text}.get(key.kind, _checked_section)
     return check(content, fail, key)
 
@@ -107,7 +108,8 @@ def _hint(key: Key) -> str:
     return f" ({key.meaning})" if key.meaning else ""
 
 
-def _checked_number(value: Any, fail: Fail, key: Key, path: str) -> float | int:
+def checked_number(value: Any, fail: Fail, key: Key, path: str) -> float | int:
+    """Check one number, which stands at a path of its own where it is an entry of a list."""
     unit = "" if key.unit in ("", "1") else f" {key.unit}"
     bare = f"a bare number in {key.unit}" if unit else "a bare number"
     expected = "a whole number" if key.kind == "integer" else "a number" + (f" in {key.unit}" if unit else "")
@@ -128,7 +130,7 @@ def _checked_number(value: Any, fail: Fail, key: Key, path: str) -> float | int:
     if key.kind == "integer" and number != int(number):
         fail(path, f"{path} is {show(number)}; expected a whole number")
     for name, bound in key.bounds.items():
-        words, holds = _BOUNDS[name]
+        words, holds = BOUNDS[name]
         if not holds(number, bound):
             fail(path, f"{path} is {show(number)}{unit}; it must be {words} {show(bound)}{unit}{_hint(key)}")
     return int(number) if key.kind == "integer" else number
@@ -140,7 +142,7 @@ def _checked_list(value: Any, fail: Fail, key: Key) -> list[float]:
     entries = list(value)
     if key.min_length is not None and len(entries) < key.min_length:
         fail(key.path, f"{key.path} has too few entries ({len(entries)}); give at least {key.min_length}")
-    return [_checked_number(entry, fail, key, f"{key.path}[{index}]") for index, entry in enumerate(entries)]
+    return [checked_number(entry, fail, key, f"{key.path}[{index}]") for index, entry in enumerate(entries)]
 
 
 def _checked_text(value: Any, fail: Fail, key: Key) -> str:

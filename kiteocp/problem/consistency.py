@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 from kiteocp.problem.checking import Fail
+from kiteocp.problem.plausibility import implausible_values
 from kiteocp.problem.reading import show
 from kiteocp.problem.uncertain_keys import check_uncertainty
 
@@ -175,7 +176,8 @@ def flight_altitudes(content: Block) -> tuple[float, float]:
 
 def warnings_of(content: Block) -> list[str]:
     """Return what of a resolved problem deserves a warning, one sentence each."""
-    return [*_limit_warnings(content), *_validity_warnings(content)]
+    implausible = implausible_values(content, flight_altitudes(content))
+    return [*implausible, *_limit_warnings(content), *_validity_warnings(content)]
 
 
 def _limit_warnings(content: Block) -> list[str]:

@@ -43,7 +43,8 @@ def parse_override(text: str) -> tuple[str, Any]:
     path = path.strip()
     if not equals or not path or not value_text.strip():
         raise InputError(
-            f"--set {shortened(text, 80)}: expected key=value, such as environment.wind.reference_speed_m_s=8", key=path or None
+            f"--set {shortened(text, 80)}: expected key=value, such as environment.wind.reference_speed_m_s=8",
+            key=path or None,
         )
     value, _ = parse(value_text, f"--set {shortened(text, 80)}")
     return path, value

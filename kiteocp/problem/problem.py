@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import hashlib
 import json
 import os
@@ -32,8 +33,8 @@ class Origin:
         File or other origin, for messages.
     source : bytes
         The bytes read, none for a problem made from values.
-    given : mapping
-        The keys given in the source, with the values set over them, without defaults.
+    values : mapping
+        The keys given in the source, with the values set over them, without defaults; `given` is a copy of them.
     lines : mapping of str to int
         Line of each key in the source.
     set_keys : frozenset of str
@@ -44,10 +45,15 @@ class Origin:
 
     label: str
     source: bytes
-    given: Mapping[str, Any]
+    values: Mapping[str, Any]
     lines: Mapping[str, int] = field(default_factory=dict)
     set_keys: frozenset[str] = frozenset()
     sha256: str | None = None
+
+    @property
+    def given(self) -> dict[str, Any]:
+        """The keys given, as a copy: what is done to it leaves the problem as it is."""
+        return copy.deepcopy(dict(self.values))
 
 
 class Problem(ProblemLayout, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -99,7 +105,8 @@ class Problem(ProblemLayout, frozen=True, kw_only=True, forbid_unknown_fields=Tr
     def warnings(self) -> list[str]:
         """Return what deserves a warning, one sentence each.
 
-        That is a prescribed cycle outside the limits, and values outside the validity of the model.
+        That is a prescribed cycle outside the limits, values outside the validity of the model, and values that no kite
+        has (`kiteocp.problem.plausibility`).
         """
         return warnings_of(self.to_dict())
 
@@ -172,7 +179,7 @@ def problem_from_dict(content: Mapping[str, Any], label: str = "problem", *, sha
     """
     if not isinstance(content, Mapping):
         raise InputError("holds no keys with values; give the layout of a problem file", file=label)
-    return _built(Origin(label, b"", dict(content), sha256=sha256), {})
+    return _built(Origin(label, b"", content, sha256=sha256), {})
 
 
 def _built(origin: Origin, overrides: Mapping[str, object]) -> Problem:
@@ -190,7 +197,7 @@ def _built(origin: Origin, overrides: Mapping[str, object]) -> Problem:
     check_consistency(content, given, fail)
     layout = msgspec.convert(content, ProblemLayout)
     blocks = {name: getattr(layout, name) for name in ProblemLayout.__struct_fields__}
-    return Problem(**blocks, origin=replace(origin, given=given, set_keys=set_keys))
+    return Problem(**blocks, origin=replace(origin, values=given, set_keys=set_keys))
 
 
 def _failing(origin: Origin, set_keys: frozenset[str]) -> Fail:

@@ -198,14 +198,14 @@ def _check_extent(text: str, label: str) -> None:
                     sizes[event.anchor] = 1
             elif isinstance(event, yaml.AliasEvent):
                 # One that is not known, or not complete, gets its own message from the composer.
-                size = sizes.get(event.anchor, 1)
+                size = sizes.get(str(event.anchor), 1)
             total += size
             if total > VALUE_LIMIT:
                 raise InputError(
                     f"holds more than {VALUE_LIMIT} values, those behind aliases counted each time; write out the few "
                     "that a file needs",
                     file=label,
-                    line=event.start_mark.line + 1,
+                    line=None if event.start_mark is None else event.start_mark.line + 1,
                 )
     except yaml.MarkedYAMLError:
         # The parser looks far ahead of its events, and its newer versions have a limit of their own there.
@@ -243,7 +243,8 @@ def _note_lines(node: yaml.Node, path: str, lines: dict[str, int], label: str, a
     seen: dict[str, int] = {}
     for key, value in node.value:
         # A key may be a list or a block, which the check of the keys refuses.
-        name = shortened(str(key.value), 200) if isinstance(key, yaml.ScalarNode) else f"{key.tag} {key.start_mark.index}"
+        plain = isinstance(key, yaml.ScalarNode)
+        name = str(key.value) if plain else f"{key.tag} {key.start_mark.index}"
         line = key.start_mark.line + 1
         child = f"{path}.{name}" if path else name
         if name in seen:

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from kiteocp.errors import InputError
 from kiteocp.problem import Problem, problem_from_dict
+from kiteocp.problem.files import check_readable_kind
 from kiteocp.result.channels import TIME_SERIES_CHANNELS
 from kiteocp.result.container import HEAD_KEYS, OUTCOME_KEYS, SCHEMA_VERSION, Result
 
@@ -133,6 +134,7 @@ def load_result(directory: str | Path) -> Result:
     """
     directory = Path(directory)
     path = directory / SUMMARY_FILE
+    check_readable_kind(path)
     try:
         summary = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
@@ -141,7 +143,7 @@ def load_result(directory: str | Path) -> Result:
         ) from None
     except OSError as error:
         raise InputError(f"{path}: cannot be read ({error.strerror}); check the path and its permissions") from None
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise InputError(f"{path}: is not JSON ({error}); run the calculation again") from None
     version = summary.get("schema_version") if isinstance(summary, dict) else None
     if version != SCHEMA_VERSION:
@@ -189,6 +191,7 @@ def _build(
 
 def _read_time_series(path: Path) -> dict[str, npt.NDArray[Any]]:
     """Read a time series; no file is no channels (a calculation that failed has none)."""
+    check_readable_kind(path)
     try:
         with path.open(encoding="utf-8", newline="") as stream:
             header, *rows = csv.reader(stream)

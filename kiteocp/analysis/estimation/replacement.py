@@ -8,6 +8,7 @@ import yaml
 
 from kiteocp.analysis.estimation.estimates import Estimation
 from kiteocp.analysis.estimation.wind import wind_speeds
+from kiteocp.errors import printable
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem
 
@@ -31,9 +32,10 @@ def estimated_problem(estimation: Estimation) -> Problem:
     uncertain = {
         f"uncertainty.{key}": {"standard_deviation": _rounded(error)} for key, error in errors.items() if error > 0
     }
+    flight = printable(estimation.flight.name)
     names = {
         "name": f"{estimation.problem.name}-estimated"[:100],
-        "source": f"estimated from the flight {estimation.flight.name}; the rest as {estimation.problem.name}",
+        "source": f"estimated from the flight {flight}; the rest as {estimation.problem.name}",
     }
     return estimation.problem.with_values({**changes, **uncertain, **names})
 
@@ -41,8 +43,10 @@ def estimated_problem(estimation: Estimation) -> Problem:
 def problem_yaml(estimation: Estimation) -> str:
     """Return the content of `FILE`."""
     wind = estimation.wind
+    # The name of a file may hold a line break, which would end the comment.
+    flight = printable(estimation.flight.name)
     lines = [
-        f"# {estimation.problem.name} with what the flight {estimation.flight.name} shows: coefficients by the fit,",
+        f"# {estimation.problem.name} with what the flight {flight} shows: coefficients by the fit,",
         f"# wind by {wind.source} (it blows {wind.direction_offset_deg:+.1f} deg from the azimuth zero of the flight).",
         "# The standard errors are those of the estimate; what the model leaves out is not in them.",
         "",

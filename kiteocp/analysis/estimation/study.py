@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import replace
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from kiteocp.analysis.estimation.wind import (
     winds_by_cycle,
 )
 from kiteocp.analysis.flights import FlightData
-from kiteocp.errors import CycleError, InputError
+from kiteocp.errors import CycleError, InputError, check_word
 from kiteocp.execution import one_at_a_time
 from kiteocp.problem import Problem
 
@@ -69,6 +69,8 @@ def estimate(
     InputError
         There is no such cycle, too little data, or flight and problem do not belong together.
     """
+    if wind is not None:
+        check_word("wind", wind, get_args(WindSource))
     chosen = _chosen(flight, cycles)
     warnings: list[str] = []
     source = wind or _available(chosen)

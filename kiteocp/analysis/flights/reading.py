@@ -22,7 +22,8 @@ from kiteocp.analysis.flights.columns import (
 from kiteocp.analysis.flights.data import FlightData
 from kiteocp.analysis.flights.frames import model_course, spherical_velocity
 from kiteocp.analysis.flights.recording import read_table
-from kiteocp.errors import InputError
+from kiteocp.errors import InputError, printable
+from kiteocp.problem.files import user_path
 
 #: A step in time longer than so many median steps is a gap.
 GAP_STEPS = 3.0
@@ -57,7 +58,7 @@ def load_flight(
     InputError
         The file is missing, unreadable or empty, lacks a column, or holds no sample of a phase.
     """
-    table = read_table(Path(path).expanduser(), str(path))
+    table = read_table(user_path(path), str(path))
     layout = columns if isinstance(columns, ColumnMap) else _layout_for(table, columns, str(path))
     missing = [column for column in layout.columns() if column not in table]
     if missing:
@@ -67,7 +68,8 @@ def load_flight(
             key=missing[0],
         )
     reader = _Reader(table, layout, str(path))
-    return reader.flight(name or Path(path).stem)
+    # The name goes into comments, tables and JSON; that of a file may hold what these cannot.
+    return reader.flight(printable(name or Path(path).stem))
 
 
 def _layout_for(table: dict[str, Any], columns: str | os.PathLike[str] | None, label: str) -> ColumnMap:

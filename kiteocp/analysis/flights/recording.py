@@ -6,10 +6,12 @@ import csv
 from pathlib import Path
 
 from kiteocp.errors import InputError
+from kiteocp.problem.files import check_readable_kind
 
 
 def read_table(path: Path, label: str) -> dict[str, list[str]]:
     """Return the columns of a CSV file as texts."""
+    check_readable_kind(path, label)
     try:
         with path.open(encoding="utf-8-sig", newline="") as stream:
             sample = stream.readline()
@@ -24,8 +26,9 @@ def read_table(path: Path, label: str) -> dict[str, list[str]]:
         raise InputError("is not UTF-8 text; export the flight as CSV", file=label) from None
     except csv.Error as error:
         raise InputError(f"is not CSV ({error}); export the flight again", file=label) from None
-    except OSError as error:
-        raise InputError(f"cannot be read ({error.strerror}); check the path and its permissions", file=label) from None
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"cannot be read ({reason}); check the path and its permissions", file=label) from None
     rows = [row for row in rows if any(cell.strip() for cell in row)]
     if len(rows) < 2:
         raise InputError("holds no samples; a flight has a row of column names and a row for each sample", file=label)
