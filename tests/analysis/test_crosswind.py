@@ -266,7 +266,7 @@ def test_kite_blown_backwards_is_told_where(problem):
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"kind": "loop"}, "there is no path 'loop'"),
+        ({"kind": "loop"}, "kind is 'loop'; it must be"),
         ({"amplitude_deg": 100.0}, "azimuth amplitude of the path is 100 deg"),
         ({"amplitude_deg": 60.0, "elevation_amplitude_deg": 40.0}, "keep it between 0 and 90 deg"),
         ({"tether_length_m": -1.0}, "the tether length is -1.0 m"),
