@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kiteocp.cli.calculation import conclude, load, output_directory
-from kiteocp.cli.parser import PICTURE_FORMATS, add_output, add_overrides, positive_number
+from kiteocp.cli.calculation import asked_of, conclude, load, place_of, save, saved_if_interrupted
+from kiteocp.cli.parser import add_output, add_overrides, positive_number
 from kiteocp.errors import InputError
 
 if TYPE_CHECKING:
@@ -65,17 +65,25 @@ def run(arguments: argparse.Namespace) -> int:
     from kiteocp.result import write_atomically  # noqa: PLC0415
 
     problem = load(arguments.system, arguments.overrides)
-    directory = output_directory(arguments.output, problem, NAME)
-    estimation = _estimated(arguments, problem)
-    result = estimation.result()
-    written = result.save(directory)
-    # A picture of an earlier run beside new numbers would be taken for theirs.
-    for suffix in PICTURE_FORMATS:
-        with contextlib.suppress(OSError):
-            (directory / f"{NAME}.{suffix}").unlink(missing_ok=True)
+    flight = Path(arguments.flight)
+    options = {
+        "flight_sha256": digest_of(flight),
+        "columns": arguments.columns,
+        "cycles": arguments.cycles,
+        "wind": arguments.wind,
+        "trust-airspeed": None if arguments.calibrate else True,
+        "ground-height": arguments.ground_height,
+    }
+    asked = asked_of(arguments, NAME, problem, options, flight.stem)
+    place = place_of(arguments, asked)
+    directory = place.directory
+    with saved_if_interrupted(asked, place):
+        estimation = _estimated(arguments, problem)
+        result = estimation.result()
+    written = save(result, asked, place)
     write_atomically({directory / FILE: problem_yaml(estimation).encode()})
     written.append(directory / FILE)
-    return conclude(arguments, result, directory, written, format_estimates)
+    return conclude(arguments, result, place, written, format_estimates)
 
 
 def _estimated(arguments: argparse.Namespace, problem: Problem) -> Estimation:

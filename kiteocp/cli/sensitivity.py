@@ -6,7 +6,7 @@ import argparse
 import os
 from typing import TYPE_CHECKING
 
-from kiteocp.cli.calculation import conclude, failed_result, load, output_directory
+from kiteocp.cli.calculation import asked_of, conclude, failed_result, load, place_of, save, saved_if_interrupted
 from kiteocp.cli.output import complain
 from kiteocp.cli.parser import add_calculation
 from kiteocp.cli.progress import Progress, positive_integer
@@ -62,12 +62,27 @@ def run(arguments: argparse.Namespace) -> int:
         if getattr(arguments, name) is not None and not arguments.wide:
             raise InputError(f"--{name} {getattr(arguments, name)}: only --global takes it; add --global")
     problem = load(arguments.problem, arguments.overrides)
-    directory = output_directory(arguments.output, problem, NAME)
-    result, *tables = _computed(problem, arguments)
-    unflown = _differentiate_forward(problem, result) if arguments.forward else None
-    written = result.save(directory)
-    written += [table.save(directory) for table in tables if table is not None]
-    status = conclude(arguments, result, directory, written, _report)
+    options = {
+        "intervals": None if arguments.intervals else False,
+        "vary": arguments.vary,
+        "global": arguments.wide or None,
+        "samples": arguments.samples,
+        "simulate": arguments.forward or None,
+    }
+    asked = asked_of(arguments, NAME, problem, options)
+    variation = _variation(problem, arguments)
+    wide = _global_options(problem, arguments) if arguments.wide else None
+    place = place_of(arguments, asked)
+    directory = place.directory
+    study = _Study()
+    try:
+        with saved_if_interrupted(asked, place, study.interrupted):
+            unflown = study.compute(problem, arguments, variation, wide)
+    except KeyboardInterrupt:
+        study.save_tables(directory)
+        raise
+    written = save(study.result, asked, place) + study.save_tables(directory)
+    status = conclude(arguments, study.result, place, written, _report)
     if status == 0 and unflown is not None:
         complain(f"{problem.name}: {unflown}; the rest is saved in {directory}")
         return 1
