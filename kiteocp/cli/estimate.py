@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kiteocp.cli.calculation import asked_of, conclude, load, place_of, save, saved_if_interrupted
+from kiteocp.cli.calculation import asked_of, conclude, digest_of, load, place_of, save, saved_if_interrupted
 from kiteocp.cli.parser import add_output, add_overrides, positive_number
 from kiteocp.errors import InputError
 
@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 NAME = "estimate"
 HELP = "estimate the aerodynamics of a kite, and the wind, from flight data"
+
+#: Cycles that can be named in one range; a day of flight has some hundreds.
+MOST_CYCLES = 100_000
 
 #: Named here, so that a mistyped one is answered without loading what computes.
 WIND_SOURCES = ("airspeed", "ground", "fit", "problem")
@@ -108,11 +111,15 @@ def _estimated(arguments: argparse.Namespace, problem: Problem) -> Estimation:
 def _cycles(text: str) -> tuple[int, ...]:
     """Return the cycle numbers of a list such as ``0,2-4``; for ``type=``."""
     numbers: set[int] = set()
+    # A flight has hundreds of cycles; numbers far beyond would fill the memory before anybody says so.
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
         try:
             low = int(first)
-            numbers.update(range(low, int(last if dash else first) + 1))
+            high = int(last if dash else first)
+            if high - low >= MOST_CYCLES:
+                raise argparse.ArgumentTypeError(f"'{text}' names more than {MOST_CYCLES} cycles; name those to use")
+            numbers.update(range(low, high + 1))
         except ValueError:
             raise argparse.ArgumentTypeError(f"'{text}' is no list of cycle numbers, such as 0,1 or 0-3") from None
     if not numbers:

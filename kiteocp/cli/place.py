@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -114,7 +114,15 @@ def choose_place(output: str | None, asked: Asked, parent: Path, stem: str) -> P
 
     directory = Path(output) if output is not None else _folder(asked, parent, stem)
     check_writable(directory)
-    return Place(directory, _replaced(directory, asked))
+    return Place(directory, _replaced(directory, asked.verb, asked.same_as))
+
+
+def choose_paper_place(directory: Path) -> Place:
+    """Return where the validation against the paper goes, whose input is always the same; errors as `choose_place`."""
+    from kiteocp.result import check_writable  # noqa: PLC0415  (keeps --help fast)
+
+    check_writable(directory)
+    return Place(directory, _replaced(directory, "validate", lambda summary: "validation" in summary))
 
 
 def _folder(asked: Asked, parent: Path, stem: str) -> Path:
@@ -136,7 +144,7 @@ def _folder(asked: Asked, parent: Path, stem: str) -> Path:
     return parent / name
 
 
-def _replaced(directory: Path, asked: Asked) -> str | None:
+def _replaced(directory: Path, verb: str, same: Callable[[Mapping[str, Any]], bool]) -> str | None:
     """Return what to say about the earlier result in a directory.
 
     Raises
@@ -149,19 +157,19 @@ def _replaced(directory: Path, asked: Asked) -> str | None:
     earlier = earlier_result(directory)
     remedy = "choose another folder with -o, or move it away"
     if earlier is None:
-        foreign = files_of(asked.verb, directory)
+        foreign = files_of(verb, directory)
         if foreign:
             raise InputError(f"{foreign[0]}: is there already, and is not of an earlier result of kiteocp; {remedy}")
         return None
     if not earlier.of_kiteocp:
         raise InputError(f"{directory / SUMMARY_FILE}: is there already, and is not one of kiteocp; {remedy}")
-    if earlier.verb != asked.verb:
+    if earlier.verb != verb:
         raise InputError(
-            f"{directory}: holds the {earlier.verb} result of {earlier.summary.get('problem')}, which {asked.verb} "
+            f"{directory}: holds the {earlier.verb} result of {earlier.summary.get('problem')}, which {verb} "
             f"would replace; {remedy}"
         )
-    which = "the same input" if asked.same_as(earlier.summary) else f"other input, {earlier.summary.get('problem')}"
-    return f"replaced: the earlier {asked.verb} result in {directory} ({which})"
+    which = "the same input" if same(earlier.summary) else f"other input, {earlier.summary.get('problem')}"
+    return f"replaced: the earlier {verb} result in {directory} ({which})"
 
 
 def _plain(value: Any) -> Any:
