@@ -10,13 +10,13 @@ import contextlib
 import csv
 import io
 import signal
-import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
@@ -114,7 +114,13 @@ def base_samples(problem: Problem, samples: int) -> int:
 
 @one_at_a_time
 def global_sensitivity(
-    problem: Problem, *, samples: int = SAMPLES, jobs: int = 1, seed: int = 0, progress: Progress | None = None
+    problem: Problem,
+    *,
+    samples: int = SAMPLES,
+    jobs: int = 1,
+    seed: int = 0,
+    progress: Progress | None = None,
+    keep: Callable[[GlobalStudy], None] | None = None,
 ) -> GlobalStudy:
     """Propagate the uncertainties of a problem to its optimal mean power.
 
@@ -131,6 +137,8 @@ def global_sensitivity(
         Of the scrambled Sobol points and of the bootstrap.
     progress
         Called with the optima solved and their number.
+    keep
+        Called if the study is interrupted, with the samples that are finished and an empty summary.
 
     Returns
     -------
@@ -158,14 +166,21 @@ def global_sensitivity(
     kept = np.arange(len(points)) < 2 * bases
     cold = np.arange(len(points)) % COLD_EVERY == 0
     tell = progress or (lambda done, total: None)
-    if jobs == 1:
-        resolver = Resolver.of(problem, keys, nominal.solution, nominal.formulation)
-        found = []
-        for point, fly, search_too in zip(points, kept, cold, strict=True):
-            found.append(resolver.sample(point, kept=bool(fly), cold=bool(search_too)))
-            tell(len(found), len(points))
-    else:
-        found = _in_processes((problem, keys, nominal.solution, nominal.formulation), points, kept, cold, jobs, tell)
+    done: list[Sample | None] = [None] * len(points)
+    try:
+        if jobs == 1:
+            resolver = Resolver.of(problem, keys, nominal.solution, nominal.formulation)
+            for place, point in enumerate(points):
+                done[place] = resolver.sample(point, kept=bool(kept[place]), cold=bool(cold[place]))
+                tell(place + 1, len(points))
+        else:
+            _in_processes((problem, keys, nominal.solution, nominal.formulation), points, kept, cold, jobs, tell, done)
+    except KeyboardInterrupt:
+        if keep is not None:
+            finished = [place for place, sample in enumerate(done) if sample is not None]
+            keep(GlobalStudy(keys, points[finished], tuple(sample for sample in done if sample is not None), {}))
+        raise
+    found = [sample for sample in done if sample is not None]
     own = Resolver.of(problem, keys, nominal.solution, nominal.formulation)
     values = parameter_values(problem)
     at_nominal = own.sample([values[key] for key in keys], kept=True).kept
@@ -260,15 +275,18 @@ def _in_processes(
     cold: NDArray[np.bool_],
     jobs: int,
     tell: Progress,
-) -> list[Sample]:
-    """Share the samples among processes; nothing is left running if it is interrupted."""
-    found: list[Sample | None] = [None] * len(points)
+    found: list[Sample | None],
+) -> None:
+    """Share the samples among processes and put them into ``found``; nothing is left running if it is interrupted."""
+    others = set(active_children())
+    workers: set[BaseProcess] = set()
     # Fresh processes: a fork copies whatever threads hold.
     pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=start_process, initargs=start)
     try:
         places = [slice(first, first + CHUNK) for first in range(0, len(points), CHUNK)]
         with _interruption_not_inherited():
             tasks = {pool.submit(sample_in_process, points[s], kept[s].tolist(), cold[s].tolist()): s for s in places}
+        workers = set(active_children()) - others
         done = 0
         for task in as_completed(tasks):
             part: Sequence[Sample] = task.result()
@@ -279,19 +297,24 @@ def _in_processes(
         raise SolveError(
             "a process that solved samples was ended from outside (out of memory?); use fewer jobs"
         ) from None
+    except KeyboardInterrupt:
+        # Those in the middle of a sample would go on for seconds.
+        for worker in workers or set(active_children()) - others:
+            worker.terminate()
+        raise
     finally:
         pool.shutdown(wait=True, cancel_futures=True)
-    return [sample for sample in found if sample is not None]
 
 
 @contextlib.contextmanager
 def _interruption_not_inherited() -> Iterator[None]:
     """Start processes that do not hear Ctrl-C: they would print tracebacks; the one that waits for them stops them."""
-    if threading.current_thread() is not threading.main_thread():
+    if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # Blocked and not ignored: a signal that comes now is heard afterwards.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

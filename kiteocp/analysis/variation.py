@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from kiteocp.cycle.phases import PHASES
 from kiteocp.errors import InputError, SolveError
 from kiteocp.execution import one_at_a_time
 from kiteocp.ocp import certificate as certify
@@ -20,9 +21,13 @@ from kiteocp.ocp.optimum import OptimalCycle, active_limits
 from kiteocp.ocp.solution import Optimum, optimise
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem
+from kiteocp.problem.catalogue import catalogue
 from kiteocp.result import Result, write_atomically
 
 VARIATION_FILE = "variation.csv"
+
+#: Values that one key takes at most.
+MOST_VALUES = 1000
 
 #: Of two optima at one value the cold one is taken to be another where its power is larger by this share.
 ANOTHER_OPTIMUM = 1e-4
@@ -49,8 +54,11 @@ class Variation:
         return {"key": self.key, "points": list(self.points)}
 
     def save(self, directory: Path) -> Path:
-        """Write the points as a table, one column for the share of time of each limit in each phase."""
-        names = self.limits()
+        """Write the points as a table, one column for each limit that a phase may have, whether met or not.
+
+        Its cells are shares of the time of the phase, 0 where the limit is not active.
+        """
+        names = [(phase, name) for phase in PHASES for name in self.limits]
         stream = io.StringIO()
         writer = csv.writer(stream, lineterminator="\n")
         writer.writerow([self.key, "mean_power_W", "tangent_W", "status", *(f"{p}:{n}" for p, n in names)])
@@ -62,15 +70,17 @@ class Variation:
         write_atomically({path: stream.getvalue().encode()})
         return path
 
-    def limits(self) -> list[tuple[str, str]]:
-        """Return phase and key of every limit that is active at some point."""
-        found = [
-            (phase, entry["limit"])
+    @property
+    def limits(self) -> list[str]:
+        """Return the keys of all limits of a problem file, and of any other that is active at some point."""
+        declared = [known.path for known in catalogue().walk() if known.path.startswith("limits.")]
+        met = [
+            entry["limit"]
             for point in self.points
-            for phase, entries in point["active_limits"].items()
+            for entries in point["active_limits"].values()
             for entry in entries
         ]
-        return sorted(dict.fromkeys(found))
+        return list(dict.fromkeys([*declared, *sorted(met)]))
 
 
 def share_of(point: dict[str, Any], phase: str, limit: str) -> float:
@@ -80,7 +90,7 @@ def share_of(point: dict[str, Any], phase: str, limit: str) -> float:
 
 
 def parse_variation(text: str) -> tuple[str, list[float]]:
-    """Split ``key=from:to:count``.
+    """Split ``key=from:to:count`` or ``key=value,value``.
 
     Returns
     -------
@@ -93,17 +103,22 @@ def parse_variation(text: str) -> tuple[str, list[float]]:
         If it is not of this form.
     """
     key, _, numbers = text.partition("=")
-    parts = numbers.split(":")
     try:
-        first, last, count = float(parts[0]), float(parts[1]), int(parts[2])
-        good = len(parts) == 3 and bool(np.isfinite([first, last]).all()) and first != last and 2 <= count <= 1000
-    except (ValueError, IndexError):
-        good = False
-    if not (good and key.strip()):
+        if ":" in numbers:
+            first, last, count = numbers.split(":")
+            steps = int(count) if len(count) <= len(str(MOST_VALUES)) else 0
+            values = np.linspace(float(first), float(last), steps) if 2 <= steps <= MOST_VALUES else np.array([])
+        else:
+            values = np.array([float(part) for part in numbers.split(",")])
+    except ValueError:
+        values = np.array([])
+    values = np.unique(values)
+    if not (2 <= values.size <= MOST_VALUES and np.isfinite(values).all() and key.strip()):
         raise InputError(
-            f"--vary {text}: expected key=from:to:count with 2 to 1000 values, such as tether.diameter_m=0.003:0.008:11"
+            f"--vary {text}: expected key=from:to:count or key=value,value with 2 to {MOST_VALUES} different values, "
+            "such as tether.diameter_m=0.003:0.008:11 or tether.diameter_m=0.003,0.004"
         )
-    return key.strip(), [float(v) for v in np.linspace(min(first, last), max(first, last), count)]
+    return key.strip(), values.tolist()
 
 
 def varied_problems(problem: Problem, key: str, values: Sequence[float]) -> list[Problem]:
@@ -121,7 +136,13 @@ def varied_problems(problem: Problem, key: str, values: Sequence[float]) -> list
 
 
 @one_at_a_time
-def vary(problem: Problem, key: str, values: Sequence[float], around: Result | None = None) -> Variation:
+def vary(
+    problem: Problem,
+    key: str,
+    values: Sequence[float],
+    around: Result | None = None,
+    progress: Callable[[Variation, int], None] | None = None,
+) -> Variation:
     """Re-solve a problem along one key, each value warm from its neighbour, and certify every optimum.
 
     Parameters
@@ -134,6 +155,8 @@ def vary(problem: Problem, key: str, values: Sequence[float], around: Result | N
         Ascending.
     around
         The sensitivities of the problem itself, whose tangent is laid beside the curve; None leaves it out.
+    progress
+        Called after each value with the variation so far and the number of values.
 
     Returns
     -------
@@ -145,21 +168,32 @@ def vary(problem: Problem, key: str, values: Sequence[float], around: Result | N
         As `varied_problems`.
     """
     problems = varied_problems(problem, key, values)
-    # The ends are solved cold: a better optimum there than the warm chain finds means that the chain must be cold too.
-    ends = {index: _cold(problems[index]) for index in (0, len(problems) - 1)}
-    chain: list[Optimum | str] = [ends[0]]
-    for varied in problems[1:]:
-        chain.append(_warm(varied, chain[-1]))
-    last, cold = chain[-1], ends[len(problems) - 1]
-    if isinstance(cold, Optimum) and (isinstance(last, str) or _better(cold, last)):
-        chain = [ends[0], *(_cold(varied) for varied in problems[1:-1]), cold]
     tangents: list[float | None] = [None] * len(values)
     rows = [row for row in around.details["sensitivities"] if row["key"] == key] if around is not None else []
     if around is not None and rows:
         power, slope, own = around.details["optimal_mean_power_W"], rows[0]["derivative"], rows[0]["value"]
         tangents = [power + slope * (value - own) for value in values]
-    points = [_point(value, found, tangent) for value, found, tangent in zip(values, chain, tangents, strict=True)]
-    return Variation(key, tuple(points))
+    points: dict[int, dict[str, Any]] = {}
+
+    def kept(index: int, found: Optimum | str) -> Optimum | str:
+        points[index] = _point(values[index], found, tangents[index])
+        if progress is not None:
+            progress(Variation(key, tuple(points[place] for place in sorted(points))), len(values))
+        return found
+
+    # The ends are solved cold: a better optimum there than the warm chain finds means that the chain must be cold too.
+    last = len(problems) - 1
+    cold = kept(last, _cold(problems[last]))
+    reached = kept(0, _cold(problems[0]))
+    for index in range(1, last):
+        reached = kept(index, _warm(problems[index], reached))
+    reached = _warm(problems[last], reached)
+    if isinstance(cold, Optimum) and (isinstance(reached, str) or _better(cold, reached)):
+        for index in range(1, last):
+            kept(index, _cold(problems[index]))
+    else:
+        kept(last, reached)
+    return Variation(key, tuple(points[place] for place in sorted(points)))
 
 
 def _better(one: Optimum, other: Optimum) -> bool:

@@ -6,7 +6,7 @@ import argparse
 import math
 from typing import TYPE_CHECKING
 
-from kiteocp.cli.calculation import conclude, failed_result, load, output_directory
+from kiteocp.cli.calculation import asked_of, conclude, failed_result, load, place_of, save, saved_if_interrupted
 from kiteocp.cli.parser import add_calculation, positive_number
 from kiteocp.errors import InputError, NoEquilibriumError
 
@@ -71,9 +71,20 @@ def run(arguments: argparse.Namespace) -> int:
     if circle and arguments.azimuth_amplitude_deg is not None:
         raise InputError("--azimuth-amplitude-deg: a circle has one size; give --elevation-amplitude-deg, its radius")
     problem = load(arguments.problem, arguments.overrides)
-    directory = output_directory(arguments.output, problem, NAME)
-    result = _computed(problem, arguments)
-    return conclude(arguments, result, directory, result.save(directory), _report)
+    options = {
+        "path": None if arguments.path == "eight-down" else arguments.path,
+        "azimuth-amplitude-deg": arguments.azimuth_amplitude_deg,
+        "elevation-amplitude-deg": arguments.elevation_amplitude_deg,
+        "centre-elevation-deg": arguments.centre_elevation_deg,
+        "tether-length-m": arguments.tether_length_m,
+        "reeling-speed-m-s": arguments.reeling_speed_m_s,
+        "gravity": None if arguments.gravity else False,
+    }
+    asked = asked_of(arguments, NAME, problem, options)
+    place = place_of(arguments, asked)
+    with saved_if_interrupted(asked, place):
+        result = _computed(problem, arguments)
+    return conclude(arguments, result, place, save(result, asked, place), _report)
 
 
 def _computed(problem: Problem, arguments: argparse.Namespace) -> Result:

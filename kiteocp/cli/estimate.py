@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kiteocp.cli.calculation import conclude, load, output_directory
-from kiteocp.cli.parser import PICTURE_FORMATS, add_output, add_overrides, positive_number
+from kiteocp.cli.calculation import asked_of, conclude, digest_of, load, place_of, save, saved_if_interrupted
+from kiteocp.cli.parser import add_output, add_overrides, positive_number
 from kiteocp.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,6 +16,9 @@ if TYPE_CHECKING:
 
 NAME = "estimate"
 HELP = "estimate the aerodynamics of a kite, and the wind, from flight data"
+
+#: Cycles that can be named in one range; a day of flight has some hundreds.
+MOST_CYCLES = 100_000
 
 #: Named here, so that a mistyped one is answered without loading what computes.
 WIND_SOURCES = ("airspeed", "ground", "fit", "problem")
@@ -65,17 +68,25 @@ def run(arguments: argparse.Namespace) -> int:
     from kiteocp.result import write_atomically  # noqa: PLC0415
 
     problem = load(arguments.system, arguments.overrides)
-    directory = output_directory(arguments.output, problem, NAME)
-    estimation = _estimated(arguments, problem)
-    result = estimation.result()
-    written = result.save(directory)
-    # A picture of an earlier run beside new numbers would be taken for theirs.
-    for suffix in PICTURE_FORMATS:
-        with contextlib.suppress(OSError):
-            (directory / f"{NAME}.{suffix}").unlink(missing_ok=True)
+    flight = Path(arguments.flight)
+    options = {
+        "flight_sha256": digest_of(flight),
+        "columns": arguments.columns,
+        "cycles": arguments.cycles,
+        "wind": arguments.wind,
+        "trust-airspeed": None if arguments.calibrate else True,
+        "ground-height": arguments.ground_height,
+    }
+    asked = asked_of(arguments, NAME, problem, options, flight.stem)
+    place = place_of(arguments, asked)
+    directory = place.directory
+    with saved_if_interrupted(asked, place):
+        estimation = _estimated(arguments, problem)
+        result = estimation.result()
+    written = save(result, asked, place)
     write_atomically({directory / FILE: problem_yaml(estimation).encode()})
     written.append(directory / FILE)
-    return conclude(arguments, result, directory, written, format_estimates)
+    return conclude(arguments, result, place, written, format_estimates)
 
 
 def _estimated(arguments: argparse.Namespace, problem: Problem) -> Estimation:
@@ -100,11 +111,15 @@ def _estimated(arguments: argparse.Namespace, problem: Problem) -> Estimation:
 def _cycles(text: str) -> tuple[int, ...]:
     """Return the cycle numbers of a list such as ``0,2-4``; for ``type=``."""
     numbers: set[int] = set()
+    # A flight has hundreds of cycles; numbers far beyond would fill the memory before anybody says so.
     for part in text.split(","):
         first, dash, last = part.strip().partition("-")
         try:
             low = int(first)
-            numbers.update(range(low, int(last if dash else first) + 1))
+            high = int(last if dash else first)
+            if high - low >= MOST_CYCLES:
+                raise argparse.ArgumentTypeError(f"'{text}' names more than {MOST_CYCLES} cycles; name those to use")
+            numbers.update(range(low, high + 1))
         except ValueError:
             raise argparse.ArgumentTypeError(f"'{text}' is no list of cycle numbers, such as 0,1 or 0-3") from None
     if not numbers:

@@ -24,6 +24,7 @@ from kiteocp.cli import (
 from kiteocp.cli.output import complain, prepare_streams, say
 from kiteocp.cli.parser import Parser, nearest
 from kiteocp.errors import InputError, KiteocpError
+from kiteocp.execution import Terminated, interruptible
 
 #: The verbs, in the order of the help: one module each.
 VERBS: dict[str, ModuleType] = {
@@ -33,11 +34,13 @@ VERBS: dict[str, ModuleType] = {
 
 EXIT_FAILED = 1
 EXIT_INTERRUPTED = 130
+EXIT_TERMINATED = 143
 
 _DESCRIPTION = "Optimal pumping cycles of kite power systems: simulate, optimise, draw."
 _EPILOG = (
     "PROBLEM is the name of a shipped problem (kiteocp list) or the path of a problem file (kiteocp new). "
-    "Exit status: 0 done; 1 the calculation did not succeed, what was reached is saved; 2 bad input."
+    "Exit status: 0 done; 1 the calculation did not succeed, what was reached is saved; 2 bad input; "
+    "130 interrupted (143 by SIGTERM), what was reached is saved."
 )
 
 
@@ -52,20 +55,22 @@ def main(argv: Sequence[str] | None = None) -> int:
     Returns
     -------
     int
-        Exit status: 0 done; 1 the calculation did not succeed; 2 bad input; 130 interrupted.
+        Exit status: 0 done; 1 the calculation did not succeed; 2 bad input; 130 interrupted; 143 ended by SIGTERM.
     """
     prepare_streams()
     words = list(sys.argv[1:] if argv is None else argv)
     # Read by hand: it must also hold for errors of parsing.
     debug = "--debug" in words
     try:
-        return _run([word for word in words if word != "--debug"])
+        with interruptible(termination=True):
+            return _run([word for word in words if word != "--debug"])
     except KiteocpError as error:
         complain(str(error))
         return error.exit_status
-    except KeyboardInterrupt:
-        complain("interrupted")
-        return EXIT_INTERRUPTED
+    except KeyboardInterrupt as interruption:
+        ended = isinstance(interruption, Terminated)
+        complain("; ".join(["terminated" if ended else "interrupted", *map(str, interruption.args)]))
+        return EXIT_TERMINATED if ended else EXIT_INTERRUPTED
     except SystemExit as leave:  # argparse leaves this way after printing help
         return leave.code if isinstance(leave.code, int) else 0
     except Exception as error:

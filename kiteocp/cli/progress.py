@@ -12,6 +12,12 @@ from types import TracebackType
 FIRST_S, EVERY_S = 1.0, 1.0
 EVERY_LOGGED_S = 10.0
 
+#: The largest number of samples or processes; more would take years.
+LARGEST = 10_000_000
+
+#: Things done after the first ones before the time left is estimated.
+FEWEST = 3
+
 
 class Progress:
     """Tell how many of a number of things are done: on a terminal in one line, else in a line now and then.
@@ -25,15 +31,21 @@ class Progress:
         self._next = self._began + FIRST_S
         self._terminal = sys.stderr.isatty()
         self._shown = False
+        # What was done at the first call, and when: that includes what is done once only, as building the solver.
+        self._first: tuple[int, float] | None = None
 
     def __call__(self, done: int, total: int) -> None:
         """Tell, unless it was told a moment ago."""
         now = time.monotonic()
+        if self._first is None and done > 0:
+            self._first = done, now
         if now < self._next:
             return
         self._next = now + (EVERY_S if self._terminal else EVERY_LOGGED_S)
-        left = (now - self._began) * (total - done) / max(done, 1)
-        line = f"{done} of {total} {self._what}, about {left:.0f} s left"
+        line = f"{done} of {total} {self._what}"
+        if self._first is not None and done - self._first[0] >= FEWEST:
+            left = (now - self._first[1]) * (total - done) / (done - self._first[0])
+            line += f", about {left:.0f} s left"
         self._write(f"\r{line:<60}" if self._terminal else f"{line}\n")
         self._shown = True
 
@@ -62,6 +74,6 @@ def positive_integer(text: str) -> int:
         value = int(text)
     except ValueError:
         value = 0
-    if value < 1:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number above 0")
+    if not 1 <= value <= LARGEST:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number from 1 to {LARGEST}")
     return value

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import argparse
 import os
+from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kiteocp.cli.calculation import conclude, failed_result, load, output_directory
+from kiteocp.cli.calculation import asked_of, conclude, failed_result, load, place_of, save, saved_if_interrupted
 from kiteocp.cli.output import complain
 from kiteocp.cli.parser import add_calculation
 from kiteocp.cli.progress import Progress, positive_integer
 from kiteocp.errors import CycleError, InputError, SolveError
+from kiteocp.execution import uninterrupted
 
 if TYPE_CHECKING:
     from kiteocp.analysis.global_study import GlobalStudy
@@ -33,8 +36,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--vary",
-        metavar="KEY=FROM:TO:N",
-        help="also re-solve along one key at N values, as tether.diameter_m=0.003:0.008:11",
+        metavar="KEY=FROM:TO:N|V,V",
+        help="also re-solve along one key at N values, as tether.diameter_m=0.003:0.008:11, or at those of a list, as "
+        "tether.diameter_m=0.003,0.004",
     )
     parser.add_argument(
         "--global",
@@ -62,35 +66,113 @@ def run(arguments: argparse.Namespace) -> int:
         if getattr(arguments, name) is not None and not arguments.wide:
             raise InputError(f"--{name} {getattr(arguments, name)}: only --global takes it; add --global")
     problem = load(arguments.problem, arguments.overrides)
-    directory = output_directory(arguments.output, problem, NAME)
-    result, *tables = _computed(problem, arguments)
-    unflown = _differentiate_forward(problem, result) if arguments.forward else None
-    written = result.save(directory)
-    written += [table.save(directory) for table in tables if table is not None]
-    status = conclude(arguments, result, directory, written, _report)
+    options = {
+        "intervals": None if arguments.intervals else False,
+        "vary": arguments.vary,
+        "global": arguments.wide or None,
+        "samples": arguments.samples,
+        "simulate": arguments.forward or None,
+    }
+    asked = asked_of(arguments, NAME, problem, options)
+    variation = _variation(problem, arguments)
+    wide = _global_options(problem, arguments) if arguments.wide else None
+    place = place_of(arguments, asked)
+    directory = place.directory
+    study = _Study()
+    try:
+        with saved_if_interrupted(asked, place, study.interrupted):
+            unflown = study.compute(problem, arguments, variation, wide)
+    except KeyboardInterrupt:
+        study.save_tables(directory)
+        raise
+    written = save(study.result, asked, place) + study.save_tables(directory)
+    status = conclude(arguments, study.result, place, written, _report)
     if status == 0 and unflown is not None:
         complain(f"{problem.name}: {unflown}; the rest is saved in {directory}")
         return 1
     return status
 
 
-def _computed(problem: Problem, arguments: argparse.Namespace) -> tuple[Result, Variation | None, GlobalStudy | None]:
+def _variation(problem: Problem, arguments: argparse.Namespace) -> tuple[str, list[float]] | None:
+    """Return key and values of ``--vary``, checked before anything is solved."""
+    if arguments.vary is None:
+        return None
     # Imported once the problem is known to be good: a mistake in it is answered without waiting for CasADi.
-    from kiteocp.analysis.sensitivity import sensitivities  # noqa: PLC0415
-    from kiteocp.analysis.variation import parse_variation, varied_problems, vary  # noqa: PLC0415
+    from kiteocp.analysis.variation import parse_variation, varied_problems  # noqa: PLC0415
 
-    asked = None if arguments.vary is None else parse_variation(arguments.vary)
-    if asked is not None:
-        varied_problems(problem, *asked)
-    options = _global_options(problem, arguments) if arguments.wide else None
-    try:
-        result = sensitivities(problem, intervals=arguments.intervals)
-    except SolveError as error:
-        return failed_result(NAME, problem, error), None, None
-    variation = None if asked is None else vary(problem, *asked, around=result)
-    if variation is not None:
-        result.details["variation"] = variation.to_dict()
-    return result, variation, None if options is None else _global(problem, result, options)
+    asked = parse_variation(arguments.vary)
+    varied_problems(problem, *asked)
+    return asked
+
+
+class _Study:
+    """What a run of the verb has found so far, so that an interruption loses none of it."""
+
+    def __init__(self) -> None:
+        self._found: Result | None = None
+        self._variation: Variation | None = None
+        self._global: GlobalStudy | None = None
+
+    @property
+    def result(self) -> Result:
+        """The sensitivities, which there are once `compute` has returned."""
+        assert self._found is not None
+        return self._found
+
+    def compute(
+        self,
+        problem: Problem,
+        arguments: argparse.Namespace,
+        variation: tuple[str, list[float]] | None,
+        wide: dict[str, int] | None,
+    ) -> str | None:
+        """Differentiate, vary and propagate; return why the prescribed cycle has no derivatives, if so."""
+        from kiteocp.analysis.sensitivity import sensitivities  # noqa: PLC0415
+        from kiteocp.analysis.variation import vary  # noqa: PLC0415
+
+        try:
+            self._found = sensitivities(problem, intervals=arguments.intervals)
+        except SolveError as error:
+            self._found = failed_result(NAME, problem, error)
+        else:
+            if variation is not None:
+                with Progress("values solved") as progress:
+
+                    def keep(done: Variation, total: int) -> None:
+                        self._variation = done
+                        progress(len(done.points), total)
+
+                    self._variation = vary(problem, *variation, around=self._found, progress=keep)
+                self._found.details["variation"] = self._variation.to_dict()
+            if wide is not None:
+                self._propagate(problem, wide)
+        return _differentiate_forward(problem, self._found) if arguments.forward else None
+
+    def _propagate(self, problem: Problem, wide: dict[str, int]) -> None:
+        from kiteocp.analysis.global_study import global_sensitivity  # noqa: PLC0415
+
+        def keep(done: GlobalStudy) -> None:
+            self._global = done
+
+        with Progress("optima solved") as progress:
+            self._global = global_sensitivity(problem, progress=progress, keep=keep, **wide)
+        self.result.details["global"] = self._global.summary
+
+    def interrupted(self) -> Result | None:
+        """Return what was found when the run was interrupted; None where that is nothing."""
+        if self._found is None:
+            return None
+        if self._variation is not None:
+            self._found.details["variation"] = self._variation.to_dict()
+        if self._global is not None and "global" not in self._found.details:
+            self._found.details["global_finished_samples"] = len(self._global.samples)
+        self._found.details["message"] = "interrupted; what was finished until then is here"
+        return replace(self._found, status="interrupted")
+
+    def save_tables(self, directory: Path) -> list[Path]:
+        """Write the tables of what was found, and return the files."""
+        with uninterrupted():
+            return [table.save(directory) for table in (self._variation, self._global) if table is not None]
 
 
 def _global_options(problem: Problem, arguments: argparse.Namespace) -> dict[str, int]:
@@ -100,15 +182,6 @@ def _global_options(problem: Problem, arguments: argparse.Namespace) -> dict[str
     options = {"samples": arguments.samples or SAMPLES, "jobs": arguments.jobs or os.cpu_count() or 1}
     base_samples(problem, options["samples"])
     return options
-
-
-def _global(problem: Problem, result: Result, options: dict[str, int]) -> GlobalStudy:
-    from kiteocp.analysis.global_study import global_sensitivity  # noqa: PLC0415
-
-    with Progress("optima solved") as progress:
-        study = global_sensitivity(problem, progress=progress, **options)
-    result.details["global"] = study.summary
-    return study
 
 
 def _differentiate_forward(problem: Problem, result: Result) -> str | None:

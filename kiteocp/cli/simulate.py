@@ -46,4 +46,5 @@ def run(arguments: argparse.Namespace) -> int:
             error.explain(found.sentence, found.to_dict())
             raise
 
-    return calculate(arguments, NAME, compute)
+    options = {"gravity": None if arguments.gravity else False, "time-step": arguments.time_step}
+    return calculate(arguments, NAME, compute, options)

@@ -39,6 +39,10 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Solve, save, print, draw and, where asked to, export."""
     exports: list[WinchExport] = []
+    if arguments.export is not None:
+        from kiteocp.result import check_writable  # noqa: PLC0415  (keeps --help fast)
+
+        check_writable(Path(arguments.export))
 
     def compute(problem: Problem) -> Result:
         # Imported once the problem is known to be good: a mistake in it is answered without waiting for CasADi.
@@ -57,7 +61,8 @@ def run(arguments: argparse.Namespace) -> int:
         result.details["winch"] = exports[0].to_dict()
         return result
 
-    status = calculate(arguments, NAME, compute)
+    options = {"certificate": None if arguments.certificate == "full" else arguments.certificate}
+    status = calculate(arguments, NAME, compute, options)
     for export in exports:
         written = export.save(Path(arguments.export))
         if not arguments.json:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import io
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from kiteocp.cli.calculation import tell_written
 from kiteocp.cli.output import say
 from kiteocp.cli.parser import PICTURE_FORMATS, add_output
+from kiteocp.cli.place import choose_paper_place
 from kiteocp.cli.progress import Progress
 from kiteocp.cli.validate_flight import add_flight_arguments, check_no_flight, validate_recording
 
@@ -23,20 +24,6 @@ HELP = "reproduce the paper's results beside its tables, or set a recorded fligh
 
 #: Files that a validation writes beside its pictures.
 SUMMARY, REPORT = "summary.json", "report.html"
-#: The pictures, named here so that those of an earlier run can be removed without loading what draws them.
-STEMS = (
-    "side_view",
-    "angular_coordinates",
-    "tether_length",
-    "reeling_speed",
-    "flight_speed",
-    "wind_speed",
-    "tether_force",
-    "power",
-    "convergence",
-    "mass_isolines",
-)
-
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Add the flight, if any, where to write and what to draw."""
@@ -58,15 +45,19 @@ def _validate_paper(arguments: argparse.Namespace) -> int:
     from kiteocp.analysis.validation.report import report_html  # noqa: PLC0415
     from kiteocp.analysis.validation.text import format_validation  # noqa: PLC0415
     from kiteocp.result import write_atomically  # noqa: PLC0415
+    from kiteocp.result.earlier import stale_files  # noqa: PLC0415
 
     directory = Path(arguments.output) if arguments.output is not None else Path("results") / "validation"
-    with Progress("parts of the validation done") as progress:
-        study = validate_paper(progress)
+    place = choose_paper_place(directory)
+    try:
+        with Progress("parts of the validation done") as progress:
+            study = validate_paper(progress)
+    except KeyboardInterrupt as error:
+        raise type(error)("nothing was reached, and nothing written") from None
     # The numbers first: a picture that cannot be drawn must not cost them.
     summary = json.dumps(study.summary(), indent=2, ensure_ascii=False, allow_nan=False)
-    write_atomically({directory / SUMMARY: (summary + "\n").encode()})
+    write_atomically({directory / SUMMARY: (summary + "\n").encode()}, remove=stale_files(directory))
     written = [directory / SUMMARY]
-    _remove_earlier(directory)
     say(summary if arguments.json else format_validation(study))
     try:
         pictures: list[Picture] = []
@@ -74,9 +65,10 @@ def _validate_paper(arguments: argparse.Namespace) -> int:
             pictures = _draw(study, directory, arguments.formats or PICTURE_FORMATS, written)
         write_atomically({directory / REPORT: report_html(study, pictures).encode()})
         written.insert(1, directory / REPORT)
+    except KeyboardInterrupt as error:
+        raise type(error)(f"the numbers are saved in {directory}") from None
     finally:
-        if not arguments.json:
-            say(_written(written))
+        tell_written(arguments, place, _written(written))
     return 0
 
 
@@ -91,7 +83,7 @@ def _draw(
     pictures: list[Picture] = []
     with Progress("pictures drawn") as progress:
         for stem, figure in figures(study.cycles(), study.convergence, study.isolines).items():
-            progress(len(pictures), len(STEMS))
+            progress(len(pictures), len(CAPTIONS))
             paths = save_figure(figure, directory / stem, formats)
             written += paths
             by_suffix = {path.suffix: path for path in paths}
@@ -112,17 +104,9 @@ def _draw(
 def _written(paths: list[Path]) -> str:
     """Return what was written: the pictures counted, there being dozens."""
     pictures = [path for path in paths if path.suffix.removeprefix(".") in PICTURE_FORMATS]
-    text = "\nwritten: " + ", ".join(str(path) for path in paths if path not in pictures)
+    text = ", ".join(str(path) for path in paths if path not in pictures)
     if not pictures:
         return text
     suffixes = ", ".join(dict.fromkeys(path.suffix.removeprefix(".") for path in pictures))
     stems = {path.stem for path in pictures}
     return f"{text} (with all sentences and tables), and {len(stems)} pictures beside them as {suffixes}"
-
-
-def _remove_earlier(directory: Path) -> None:
-    """Remove report and pictures of an earlier run: beside a new summary they would be taken for part of it."""
-    stale = [directory / REPORT, *(directory / f"{stem}.{suffix}" for stem in STEMS for suffix in PICTURE_FORMATS)]
-    for path in stale:
-        with contextlib.suppress(OSError):
-            path.unlink(missing_ok=True)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import argparse
-import contextlib
 import io
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kiteocp.cli.calculation import load
+from kiteocp.cli.calculation import asked_of, digest_of, load, save, saved_if_interrupted, tell_written
 from kiteocp.cli.output import complain, say
 from kiteocp.cli.parser import add_overrides
+from kiteocp.cli.place import choose_place
 from kiteocp.cli.progress import Progress
 from kiteocp.errors import InputError
 
@@ -71,14 +71,21 @@ def validate_recording(arguments: argparse.Namespace) -> int:
     from kiteocp.analysis.flights.summary import format_study, result_of  # noqa: PLC0415
     from kiteocp.result import write_atomically  # noqa: PLC0415
 
-    default = Path("results") / "validation" / Path(arguments.flight).stem
-    directory = Path(arguments.output) if arguments.output is not None else default
-    with Progress("parts of the study done") as progress:
-        study = validate_flight(flight, problem, estimate_on=cycles, progress=progress)
-    result = result_of(study)
+    recording = Path(arguments.flight)
+    options = {
+        "flight_sha256": digest_of(recording),
+        "columns": arguments.columns,
+        "estimate-on": cycles,
+    }
+    asked = asked_of(arguments, "validate", problem, options, problem.name)
+    place = choose_place(arguments.output, asked, Path("results") / "validation", recording.stem)
+    directory = place.directory
+    with saved_if_interrupted(asked, place):
+        with Progress("parts of the study done") as progress:
+            study = validate_flight(flight, problem, estimate_on=cycles, progress=progress)
+        result = result_of(study)
     # The numbers first: a picture that cannot be drawn must not cost them.
-    written = result.save(directory)
-    _remove_earlier(directory)
+    written = save(result, asked, place)
     say(json.dumps(result.summary(), indent=2, ensure_ascii=False) if arguments.json else format_study(study))
     try:
         pictures: list[Picture] = []
@@ -88,9 +95,10 @@ def validate_recording(arguments: argparse.Namespace) -> int:
 
         write_atomically({directory / REPORT: report_html(study, pictures).encode()})
         written.insert(1, directory / REPORT)
+    except KeyboardInterrupt as error:
+        raise type(error)(f"the numbers are saved in {directory}") from None
     finally:
-        if not arguments.json:
-            say("\nwritten: " + ", ".join(str(path) for path in written))
+        tell_written(arguments, place, ", ".join(str(path) for path in written))
     if study.optimum is None:
         complain(f"{problem.name}: {study.optimum_message}; the comparison is saved in {directory}")
         return 1
@@ -130,12 +138,3 @@ def _draw(study: FlightStudy, directory: Path, formats: list[str], written: list
             pictures.append(Picture(stem, caption(stem), MEDIA_TYPES[suffix], content))
             progress(done, len(drawings))
     return pictures
-
-
-def _remove_earlier(directory: Path) -> None:
-    """Remove report and pictures of an earlier run: beside a new summary they would be taken for part of it."""
-    stems = ("cycle_*", "side_view_*", "comparison", "optimum")
-    stale = [path for stem in stems for suffix in ("png", "svg", "pdf") for path in directory.glob(f"{stem}.{suffix}")]
-    for path in [directory / REPORT, *stale]:
-        with contextlib.suppress(OSError):
-            path.unlink(missing_ok=True)

@@ -59,9 +59,8 @@ NEAR_IPOPT_OPTIONS: Mapping[str, Any] = {
 """What changes when the start is near the solution but without multipliers: it is not pushed away from its bounds."""
 
 
-LARGE, WATCHED_EVERY = 400, 10
-"""Variables above which a solution can take a second, so that an interruption must be able to end it, and iterations
-between two looks. A look costs a tenth of an iteration; smaller programs are interrupted between two solutions."""
+WATCHED_EVERY = 10
+"""Iterations between two looks whether the calculation was interrupted; they cost less than 1 % of a solution."""
 
 
 class _Watch(ca.Callback):
@@ -177,8 +176,12 @@ class Solver:
     def _build(self, name: str, ipopt: Mapping[str, Any], rows: NDArray[np.intp] | None = None) -> Any:
         nlp = self.program
         g = nlp.g if rows is None else nlp.g[rows.tolist()]
+        watch = _Watch(nlp.x.numel(), g.numel(), nlp.p.numel())
+        self._watches.append(watch)
         options: dict[str, Any] = {
             "ipopt": dict(ipopt),
+            "iteration_callback": watch,
+            "iteration_callback_step": WATCHED_EVERY,
             "print_time": False,
             "show_eval_warnings": False,
             "error_on_fail": False,
@@ -186,9 +189,6 @@ class Solver:
             "calc_lam_p": False,
             "no_nlp_grad": True,
         }
-        if nlp.x.numel() > LARGE:
-            self._watches.append(_Watch(nlp.x.numel(), g.numel(), nlp.p.numel()))
-            options |= {"iteration_callback": self._watches[-1], "iteration_callback_step": WATCHED_EVERY}
         return ca.nlpsol(name, "ipopt", {"x": nlp.x, "p": nlp.p, "f": nlp.f, "g": g}, options)
 
     def solve(

@@ -2,6 +2,6 @@
 
 from kiteocp.result.channels import TIME_SERIES_CHANNELS, unit_of
 from kiteocp.result.container import STATUSES, Result
-from kiteocp.result.storage import load_result, write_atomically
+from kiteocp.result.storage import check_writable, load_result, write_atomically
 
-__all__ = ["STATUSES", "TIME_SERIES_CHANNELS", "Result", "load_result", "unit_of", "write_atomically"]
+__all__ = ["STATUSES", "TIME_SERIES_CHANNELS", "Result", "check_writable", "load_result", "unit_of", "write_atomically"]

@@ -9,7 +9,7 @@ import json
 import math
 import os
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,18 +17,18 @@ import numpy as np
 import numpy.typing as npt
 
 from kiteocp.errors import InputError
+from kiteocp.execution import uninterrupted
 from kiteocp.problem import Problem, problem_from_dict
 from kiteocp.problem.files import check_readable_kind
 from kiteocp.result.channels import TIME_SERIES_CHANNELS
 from kiteocp.result.container import HEAD_KEYS, OUTCOME_KEYS, SCHEMA_VERSION, Result
+from kiteocp.result.earlier import SUMMARY_FILE, stale_files
 
-SUMMARY_FILE = "summary.json"
 TIME_SERIES_FILE = "timeseries.csv"
 PRESCRIBED_FILE = "timeseries_prescribed.csv"
-PICTURE_STEM = "cycle"
 
 
-def write_atomically(contents: Mapping[Path, bytes]) -> None:
+def write_atomically(contents: Mapping[Path, bytes], remove: Iterable[Path] = ()) -> None:
     """Write several files so that each is there whole or not at all.
 
     All of them are first written under temporary names beside their targets; only when every byte is on disk are
@@ -38,6 +38,8 @@ def write_atomically(contents: Mapping[Path, bytes]) -> None:
     ----------
     contents : mapping of pathlib.Path to bytes
         Target to content; directories are made where they do not exist.
+    remove : iterable of pathlib.Path
+        Files to take away once all bytes are on disk; one that cannot be removed is left.
 
     Raises
     ------
@@ -61,9 +63,14 @@ def write_atomically(contents: Mapping[Path, bytes]) -> None:
         for target in contents:
             if target.is_dir():
                 raise IsADirectoryError(0, "a directory has this name")
-        for target in contents:
-            os.replace(temporary[target], target)
-            del temporary[target]
+        # A signal between two renames would leave new files beside old ones.
+        with uninterrupted():
+            for path in remove:
+                with contextlib.suppress(OSError):
+                    path.unlink(missing_ok=True)
+            for target in contents:
+                os.replace(temporary[target], target)
+                del temporary[target]
     except OSError as error:
         reason = error.strerror or str(error)
         raise InputError(f"{target}: cannot be written ({reason}); choose a place that can be written to") from error
@@ -71,6 +78,31 @@ def write_atomically(contents: Mapping[Path, bytes]) -> None:
         for name in temporary.values():
             with contextlib.suppress(OSError):
                 os.unlink(name)
+
+
+def check_writable(directory: Path) -> None:
+    """Make sure that files can be written into a directory, which need not exist; nothing is left behind.
+
+    Raises
+    ------
+    InputError
+        They cannot, in one sentence with the path and the reason.
+    """
+    made: list[Path] = []
+    try:
+        missing = [path for path in (directory, *directory.parents) if not path.exists()]
+        for path in reversed(missing):
+            path.mkdir()
+            made.append(path)
+        with tempfile.TemporaryFile(dir=directory):
+            pass
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"{directory}: cannot be written ({reason}); choose a place that can be written to") from None
+    finally:
+        for path in reversed(made):
+            with contextlib.suppress(OSError):
+                path.rmdir()
 
 
 def _umask() -> int:
@@ -87,14 +119,7 @@ def save_result(result: Result, directory: Path) -> list[Path]:
         contents[directory / TIME_SERIES_FILE] = format_time_series(result.channels)
     if result.prescribed is not None and result.prescribed.channels:
         contents[directory / PRESCRIBED_FILE] = format_time_series(result.prescribed.channels)
-    write_atomically(contents)
-    # A time series or a picture of an earlier run beside a new summary would be taken for part of it.
-    stale = [directory / TIME_SERIES_FILE, directory / PRESCRIBED_FILE]
-    stale += [directory / f"{PICTURE_STEM}.{suffix}" for suffix in ("png", "svg", "pdf")]
-    for path in stale:
-        if path not in contents:
-            with contextlib.suppress(OSError):
-                path.unlink(missing_ok=True)
+    write_atomically(contents, remove=stale_files(directory, contents))
     return list(contents)
 
 
