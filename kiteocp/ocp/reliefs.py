@@ -86,11 +86,12 @@ def penalised_optimum(values: ParameterValues, formulation: Formulation, start: 
     """
     elastic = elastic_program(values.structure, formulation)
     x0 = elastic.program.pack(start)
-    for heavy in HEAVY:
+    # First without the objective: a start of another mesh may be out of reach of an optimum without slacks.
+    for share, heavy in ((0.0, 1.0), *((1.0, heavy) for heavy in HEAVY)):
         prices = {relief.name: price_of(relief, values, heavy) for relief in elastic.reliefs}
-        found = elastic.solve(x0, values.vector, prices, 1.0)
+        found = elastic.solve(x0, values.vector, prices, share)
         solution = elastic.optimum(found)
-        if solution.success:
+        if solution.success and share:
             return solution
         if found.success:
             x0 = found.x

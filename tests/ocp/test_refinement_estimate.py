@@ -85,7 +85,10 @@ def on_meshes(light: bool, halvings: int) -> tuple[MeshSolution, ...]:
 
 
 def test_the_estimate_is_what_the_power_changes_by() -> None:
-    """To a few percent, from the second mesh on; meshes of another kind of kink owe less than they are said to."""
+    """To a few percent, from the second mesh on; meshes of another kind of kink owe less than they are said to.
+
+    The first of them, whose few points the continuous controls cannot bend at, loses power instead of gaining it.
+    """
     values = parameter_values(light_wind())
     *meshes, finest = on_meshes(True, 3)
     power = finest.mean_power_W * (1.0 + signed(finest.errors(values)))
@@ -97,7 +100,8 @@ def test_the_estimate_is_what_the_power_changes_by() -> None:
     *meshes, finest = on_meshes(False, 3)
     for mesh in meshes:
         error = finest.mean_power_W / mesh.mean_power_W - 1.0
-        assert 1.5 * signed(mesh.errors(values)) < error < -1e-5
+        assert abs(error) < -1.5 * signed(mesh.errors(values))
+        assert (error < -1e-5) == (mesh is not meshes[0])
 
 
 def signed(errors: dict[str, IntervalErrors]) -> float:
