@@ -25,7 +25,8 @@ def test_derivatives_intervals_and_pictures(capsys: pytest.CaptureFixture[str]) 
     assert err == ""
     for text in ("1 kN more tether force is worth", "without influence:", "warning: more kite.mass_kg raises"):
         assert text in out
-    directory = Path("results/strong-wind/sensitivity")
+    (directory,) = Path("results/strong-wind").iterdir()
+    assert directory.name.startswith("sensitivity-")
     assert sorted(path.name for path in directory.iterdir()) == ["sensitivity.png", "summary.json"]
     summary = json.loads((directory / "summary.json").read_text())
     assert (summary["verb"], summary["status"]) == ("sensitivity", "certified")
@@ -109,7 +110,8 @@ def test_no_cycle_is_an_answer(capsys: pytest.CaptureFixture[str]) -> None:
     out, err = capsys.readouterr()
     assert "infeasible" in out
     assert "no cycle found" in err
-    assert json.loads(Path("results/strong-wind/sensitivity/summary.json").read_text())["status"] == "infeasible"
+    directory = Path("results/strong-wind/sensitivity-reference_speed_m_s=2")
+    assert json.loads((directory / "summary.json").read_text())["status"] == "infeasible"
 
 
 def test_plot_draws_a_saved_study_again(tmp_path: Path) -> None:

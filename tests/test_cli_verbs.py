@@ -148,8 +148,19 @@ def test_a_picture_that_cannot_be_written_does_not_cost_the_numbers(capsys):
 def test_an_interruption_is_one_line_and_status_130(capsys, monkeypatch):
     monkeypatch.setattr(kiteocp.cycle, "simulate", raising(KeyboardInterrupt()))
     assert main(["simulate", "strong-wind", "-o", "out"]) == 130
-    assert capsys.readouterr().err == "kiteocp: interrupted\n"
-    assert os.listdir() == []
+    assert capsys.readouterr().err == "kiteocp: interrupted; what was reached is saved in out\n"
+    with open("out/summary.json") as stream:
+        assert json.load(stream)["status"] == "interrupted"
+
+
+@pytest.mark.usefixtures("made_up")
+def test_an_interruption_that_reached_nothing_keeps_the_earlier_result(capsys, monkeypatch):
+    assert main(["simulate", "strong-wind", "-o", "out"]) == 0
+    before = sorted(os.listdir("out"))
+    monkeypatch.setattr(kiteocp.cycle, "simulate", raising(KeyboardInterrupt()))
+    assert main(["simulate", "strong-wind", "-o", "out"]) == 130
+    assert "the earlier result in out is kept" in capsys.readouterr().err
+    assert sorted(os.listdir("out")) == before
 
 
 def test_an_internal_error_is_a_sentence_and_with_debug_a_traceback(capsys, monkeypatch):

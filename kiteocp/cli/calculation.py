@@ -194,10 +194,10 @@ def conclude(
     return 0
 
 
-def tell_written(arguments: argparse.Namespace, place: Place, files: str) -> None:
-    """Say what was written and which earlier result is gone, the latter on standard error beside JSON."""
+def tell_written(arguments: argparse.Namespace, place: Place, files: str, *, apart: bool = False) -> None:
+    """Say what was written, apart from what is above it or not, and which earlier result is gone (not into JSON)."""
     if not arguments.json:
-        say(f"written: {files}")
+        say(("\n" if apart else "") + f"written: {files}")
     if place.replaced is not None:
         (complain if arguments.json else say)(place.replaced)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 from collections.abc import Sequence
 from types import ModuleType
@@ -57,8 +58,17 @@ def main(argv: Sequence[str] | None = None) -> int:
     int
         Exit status: 0 done; 1 the calculation did not succeed; 2 bad input; 130 interrupted; 143 ended by SIGTERM.
     """
+    if argv is not None:
+        return _status_of(list(argv))
+    status = _status_of(sys.argv[1:])
+    # Everything is written; a signal while the interpreter ends would only print a traceback.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return status
+
+
+def _status_of(words: list[str]) -> int:
+    """Run one command and return its exit status."""
     prepare_streams()
-    words = list(sys.argv[1:] if argv is None else argv)
     # Read by hand: it must also hold for errors of parsing.
     debug = "--debug" in words
     try:

@@ -75,5 +75,5 @@ def positive_integer(text: str) -> int:
     except ValueError:
         value = 0
     if not 1 <= value <= LARGEST:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number from 1 to {LARGEST}")
+        raise argparse.ArgumentTypeError(f"'{text}' is not a whole number above 0, {LARGEST} at most")
     return value

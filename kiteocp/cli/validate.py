@@ -68,7 +68,7 @@ def _validate_paper(arguments: argparse.Namespace) -> int:
     except KeyboardInterrupt as error:
         raise type(error)(f"the numbers are saved in {directory}") from None
     finally:
-        tell_written(arguments, place, _written(written))
+        tell_written(arguments, place, _written(written), apart=True)
     return 0
 
 

@@ -98,7 +98,7 @@ def validate_recording(arguments: argparse.Namespace) -> int:
     except KeyboardInterrupt as error:
         raise type(error)(f"the numbers are saved in {directory}") from None
     finally:
-        tell_written(arguments, place, ", ".join(str(path) for path in written))
+        tell_written(arguments, place, ", ".join(str(path) for path in written), apart=True)
     if study.optimum is None:
         complain(f"{problem.name}: {study.optimum_message}; the comparison is saved in {directory}")
         return 1
