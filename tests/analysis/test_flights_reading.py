@@ -17,7 +17,8 @@ from made_flight import kitepower_rows, made_flight, write_csv
 from kiteocp import InputError
 from kiteocp.analysis.flights import FlightData, load_columns, load_flight, shipped_columns
 from kiteocp.analysis.flights.cleaning import circular_median_deg, drop_frozen, drop_spikes, off_tether, turn_directions
-from kiteocp.analysis.flights.columns import FACTORS, ColumnMap
+from kiteocp.analysis.flights.blocks import FACTORS
+from kiteocp.analysis.flights.columns import ColumnMap
 
 Rows = list[dict[str, Any]]
 

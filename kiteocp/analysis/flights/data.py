@@ -14,6 +14,29 @@ FLIGHT_PHASES = ("retraction", "transition", "traction", "turn")
 
 
 @dataclass(frozen=True, eq=False)
+class MeasuredWind:
+    """Wind measured at several heights beside a flight, as by a lidar; nan stands for a missing value.
+
+    Attributes
+    ----------
+    heights_m : float array
+        Heights above the ground station, ascending, shape (m,).
+    speed_m_s : float array
+        At each sample of the flight, shape (n, m).
+    direction_deg : float array
+        Where it comes from, clockwise from north, shape (n, m).
+    """
+
+    heights_m: NDArray[np.float64]
+    speed_m_s: NDArray[np.float64]
+    direction_deg: NDArray[np.float64]
+
+    def where(self, keep: NDArray[np.bool_]) -> MeasuredWind:
+        """Return the samples that a mask (n,) keeps."""
+        return MeasuredWind(self.heights_m, self.speed_m_s[keep], self.direction_deg[keep])
+
+
+@dataclass(frozen=True, eq=False)
 class FlightData:
     """Samples of a flight, in order of time; every array has the same length n, nan stands for a missing value.
 
@@ -55,6 +78,10 @@ class FlightData:
         Bearing of phi = 0, clockwise from north.
     counts : mapping of str to int
         Samples (or single values) rejected or repaired in reading, by reason.
+    wind_at_height : MeasuredWind or None
+        Measured at several heights; None where it was not.
+    notes, warnings : tuple of str
+        What reading found out for itself, and what of the recording contradicts itself; one sentence each.
     """
 
     time_s: NDArray[np.float64]
@@ -79,6 +106,9 @@ class FlightData:
     name: str = "flight"
     downwind_bearing_deg: float = 0.0
     counts: Mapping[str, int] = field(default_factory=dict)
+    wind_at_height: MeasuredWind | None = None
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         lengths = {name: np.shape(values) for name, values in self.arrays().items()}
@@ -109,7 +139,9 @@ class FlightData:
     def where(self, keep: NDArray[np.bool_]) -> FlightData:
         """Return the samples that a mask (n,) keeps."""
         kept: dict[str, Any] = {name: values[keep] for name, values in self.arrays().items()}
+        if self.wind_at_height is not None:
+            kept["wind_at_height"] = self.wind_at_height.where(keep)
         return replace(self, **kept)
 
 
-_SCALARS = ("name", "downwind_bearing_deg", "counts")
+_SCALARS = ("name", "downwind_bearing_deg", "counts", "wind_at_height", "notes", "warnings")
