@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 #: Phases in the order of a cycle. "turn" is the way from reel-out to reel-in; the model has no phase for it.
 FLIGHT_PHASES = ("retraction", "transition", "traction", "turn")
 
+#: Below this height above the ground station a kite does not fly: it lies, or is carried.
+GROUND_HEIGHT_M = 2.0
+
 
 @dataclass(frozen=True, eq=False)
 class MeasuredWind:
@@ -135,6 +138,20 @@ class FlightData:
         if phase is not None:
             keep &= np.isin(self.phase, [phase] if isinstance(phase, str) else list(phase))
         return self.where(keep)
+
+    def flying(self) -> FlightData:
+        """Return the samples that belong to a phase, with the kite off the ground; the others are counted."""
+        ground = np.abs(self.height_m) < GROUND_HEIGHT_M
+        keep = (self.phase != "") & ~ground
+        if keep.all():
+            return self
+        counts = dict(self.counts)
+        if ground.any():
+            counts["rows_on_ground"] = counts.get("rows_on_ground", 0) + int(ground.sum())
+        # In reading, samples without a phase were counted already.
+        if without := int(np.count_nonzero(self.phase == "")):
+            counts["rows_without_phase"] = max(without, counts.get("rows_without_phase", 0))
+        return replace(self.where(keep), counts=counts)
 
     def where(self, keep: NDArray[np.bool_]) -> FlightData:
         """Return the samples that a mask (n,) keeps."""

@@ -10,8 +10,8 @@ from kiteocp.analysis.flights.cleaning import FloatArray
 
 #: Two records of one quantity agree where they correlate by this much at least and one is the other times a factor in
 #: this range: noise and filters of real sensors stay inside (0.84 and more, and 0.95 to 1.05, in the two open data
-#: sets), a wrong sign or unit does not (the unit of speed closest to m/s is the knot, 0.51; that of force closest to kgf
-#: is daN, 0.98, which nothing tells).
+#: sets), a wrong sign or unit does not (the unit of speed closest to m/s is the knot, 0.51; that of force closest to
+#: kgf is daN, 0.98, which nothing tells).
 CORRELATED, FACTORS_OF_AGREEMENT = 0.7, (0.75, 1.33)
 
 #: Below this standard deviation (m/s, and W for powers) there is nothing to compare, nor with fewer samples.

@@ -70,5 +70,5 @@ def check_levels(
 
 
 def _known(signal: FloatArray, among: np.ndarray[Any, np.dtype[np.bool_]]) -> FloatArray:
-    values = signal[among]
-    return values[np.isfinite(values)]
+    values: FloatArray = signal[among & np.isfinite(signal)]
+    return values

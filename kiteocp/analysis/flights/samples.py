@@ -14,10 +14,8 @@ from kiteocp.analysis.flights.blocks import FACTORS
 from kiteocp.analysis.flights.cleaning import FloatArray
 from kiteocp.analysis.flights.clock import GAP_STEPS, is_coarse, rebuilt
 from kiteocp.analysis.flights.columns import ColumnMap
+from kiteocp.analysis.flights.data import GROUND_HEIGHT_M
 from kiteocp.errors import InputError
-
-#: Below this height above the ground station a kite does not fly: it lies, or is carried.
-GROUND_HEIGHT_M = 2.0
 
 
 class Samples:
@@ -49,7 +47,6 @@ class Samples:
             raise InputError(f"has no times in column {column}; check the map", file=label)
         copies = self._copies(rows)
         if is_coarse(time[rows], copies):
-            rows = rows[~copies]
             time = self._rebuilt(time, rows)
         self.counts["rows_out_of_order"] += int((time[rows] < np.maximum.accumulate(time[rows])).sum())
         rows = rows[np.argsort(time[rows], kind="stable")]
@@ -74,7 +71,6 @@ class Samples:
 
     def _rebuilt(self, time: FloatArray, rows: NDArray[np.int64]) -> FloatArray:
         """Return the times of the table with those of the rows spread between the ticks of the clock."""
-        self.counts["rows_repeated_time"] += int(np.isfinite(time).sum()) - rows.size
         spread, step = rebuilt(time[rows])
         tick = float(np.median(np.diff(np.unique(time[rows]))))
         self.counts["rows_time_rebuilt"] += rows.size
