@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -16,8 +17,9 @@ from made_flight import kitepower_rows, made_flight, write_csv
 
 from kiteocp import InputError
 from kiteocp.analysis.flights import FlightData, load_columns, load_flight, shipped_columns
+from kiteocp.analysis.flights.blocks import FACTORS
 from kiteocp.analysis.flights.cleaning import circular_median_deg, drop_frozen, drop_spikes, off_tether, turn_directions
-from kiteocp.analysis.flights.columns import FACTORS, ColumnMap
+from kiteocp.analysis.flights.columns import ColumnMap
 
 Rows = list[dict[str, Any]]
 
@@ -59,6 +61,27 @@ def test_a_recording_is_the_flight_it_was_made_from(tmp_path: Path) -> None:
     assert found.cycles() == (0,)
     assert_same_flight(found, flown())
     np.testing.assert_allclose(found.height_m, flown().distance_m * np.sin(np.radians(flown().elevation_deg)))
+
+
+@cache
+def flown_figure() -> FlightData:
+    """A figure of eight whose velocity is the derivative of its position, which a representative state's is not."""
+    flight = flown()
+    time, length = flight.time_s, flight.tether_length_m
+    elevation, azimuth = 30.0 + 6.0 * np.sin(0.8 * time), 25.0 * np.sin(0.4 * time)
+    radial = np.gradient(length, time)
+    polar = -length * np.radians(4.8 * np.cos(0.8 * time))
+    azimuthal = length * np.cos(np.radians(elevation)) * np.radians(10.0 * np.cos(0.4 * time))
+    return replace(
+        flight, distance_m=length, elevation_deg=elevation, azimuth_deg=azimuth, radial_speed_m_s=radial,
+        polar_speed_m_s=polar, azimuthal_speed_m_s=azimuthal, reeling_speed_m_s=radial,
+        course_deg=np.degrees(np.arctan2(azimuthal, polar)) % 360.0,
+    )  # fmt: skip
+
+
+def read_figure(tmp_path: Path, spoil: Callable[[Rows], Any] | None = None, **options: Any) -> FlightData:
+    rows = kitepower_rows(flown_figure())
+    return load_flight(write_csv(tmp_path / "flight.csv", rows, spoil), **options)
 
 
 def rewritten(rows: Rows, changes: dict[str, Callable[[float], float]], renamed: dict[str, str]) -> Rows:
@@ -257,7 +280,8 @@ def test_a_file_that_is_no_recording(tmp_path: Path, content: bytes | None, part
         ("pp-ri: retraction", "pp-ri: reel-in", "phase.labels.pp-ri is 'reel-in'; it can be retraction"),
         ("tether_force:", "tether_forces:", "did you mean tether_force?"),
         ("zero: up", "zero: left", "course.zero is 'left'; it can be up, down"),
-        ("powered: 38.0", "powered: 62.0", "are both 62"),
+        ("kite_actual_depower}", "kite_actual_depower, powered: 62.0, depowered: 62.0}", "are both 62"),
+        ("kite_actual_depower}", "kite_actual_depower, powered: 30.0, depowered: 50.0}", "power_setting.powered is 30"),
     ],
 )
 def test_a_wrong_map_names_its_key(tmp_path: Path, old: str, new: str, part: str) -> None:
@@ -268,6 +292,59 @@ def test_a_wrong_map_names_its_key(tmp_path: Path, old: str, new: str, part: str
     with pytest.raises(InputError) as caught:
         read(tmp_path, columns=str(path))
     assert part in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "part"),
+    [
+        ("unit: rad, sense: clockwise}", "unit: rad, sense: counter-clockwise}", "position.azimuth.sense"),
+        ("[kite_0_vx, kite_0_vy,", "[kite_0_vy, kite_0_vx,", "change places"),
+        ("frame: NED", "frame: ENU", "velocity"),
+        ("kite_0_vz], unit: m/s", "kite_0_vz], unit: kn", "velocity.unit"),
+        ("reelout_speed, unit: m/s}", "reelout_speed, unit: m/s, sign: -1}", "has the opposite sign"),
+        ("zero: up, sense: counter-clockwise", "zero: down, sense: counter-clockwise", "kite_course contradicts"),
+        ("zero: up, sense: counter-clockwise", "zero: up, sense: clockwise", "correct course.sense"),
+        ("unit: deg, of: from}\nwind", "unit: deg, of: to}\nwind", "ground_wind_direction.of"),
+    ],
+)
+def test_a_map_that_contradicts_itself_is_named(tmp_path: Path, old: str, new: str, part: str) -> None:
+    text = shipped_columns()["kitepower"].read_text()
+    assert old in text
+    path = tmp_path / "map.yaml"
+    path.write_text(text.replace(old, new, 1))
+    assert part in " ".join(read_figure(tmp_path, columns=str(path)).warnings)
+    assert read_figure(tmp_path).warnings == ()
+
+
+def test_whole_seconds_the_ground_and_other_levels(tmp_path: Path) -> None:
+    """Ten samples a second with the time in whole seconds, the first minute on the ground, another depower tape."""
+
+    def spoil(rows: Rows) -> None:
+        for row in rows:
+            row["kite_actual_depower"] = 41.5 + 0.5 * (row["kite_actual_depower"] - 38.0)
+        start = rows[0]["time"]
+        lying = {**rows[0], **dict.fromkeys(("kite_height", "kite_0_vx", "kite_0_vy", "kite_0_vz"), 0.0)}
+        rows[:0] = [{**lying, "time": start - 60.0 + 0.1 * index} for index in range(600)]
+        for row in rows:
+            row["time"] = float(np.floor(row["time"] + 1e-6))
+
+    found = read_figure(tmp_path, spoil)
+    assert found.counts["rows_on_ground"] == 600
+    assert found.counts["rows_time_rebuilt"] == len(flown()) + 600
+    np.testing.assert_allclose(found.time_s - found.time_s[0], flown().time_s, atol=0.02)
+    assert any("was rebuilt from the order of the rows" in text for text in found.warnings)
+    np.testing.assert_allclose(found.power_setting, flown().power_setting)
+
+
+def test_without_a_velocity_the_position_is_differentiated(tmp_path: Path) -> None:
+    text = shipped_columns()["kitepower"].read_text()
+    path = tmp_path / "map.yaml"
+    path.write_text("\n".join(line for line in text.splitlines() if not line.startswith("velocity:")))
+    found = read_figure(tmp_path, columns=str(path))
+    # A parabola over 0.4 s to either side loses 1 to 2 % of motions of 0.1 Hz.
+    off = found.azimuthal_speed_m_s - flown_figure().azimuthal_speed_m_s
+    assert np.nanmedian(np.abs(off)) < 0.02 * np.max(np.abs(flown_figure().azimuthal_speed_m_s))
+    assert np.isfinite(off).mean() > 0.95
 
 
 def test_shipped_maps_load_and_go_with_the_package() -> None:

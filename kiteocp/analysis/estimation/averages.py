@@ -108,8 +108,9 @@ def effective_samples(time_s: FloatArray, values: FloatArray) -> float:
     """Return n_eff of a series about its mean, between 1 and the number of finite samples; nan entries are gaps."""
     finite = np.isfinite(values)
     count = int(np.count_nonzero(finite))
-    if count < 2:
-        return float(count)
+    if count < 3:
+        # Two samples about their own mean tell nothing of their correlation.
+        return float(min(count, 1))
     deviation = values[finite] - np.mean(values[finite])
     if not np.max(np.abs(deviation)) > 1e-12 * np.max(np.abs(values[finite])):
         # A constant: what differs is rounding.

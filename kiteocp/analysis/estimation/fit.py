@@ -26,6 +26,7 @@ from kiteocp.analysis.estimation.profile import scaled_wind
 from kiteocp.analysis.estimation.robust import RobustFit, robust_fit
 from kiteocp.analysis.estimation.wind import ANGLES_DEG, SCALES, WindEstimate, wind_of_problem
 from kiteocp.analysis.flights import FlightData
+from kiteocp.analysis.flights.power_setting import FULLY_POWERED
 from kiteocp.errors import InputError
 from kiteocp.physics.aerodynamics import resultant_coefficient
 from kiteocp.physics.model import Model
@@ -45,8 +46,7 @@ SETTING_OF_PHASE: Mapping[str, Setting] = {
 }
 SETTINGS: tuple[Setting, ...] = ("powered", "depowered")
 
-#: A powered phase begins while the kite is still being powered up: below this measured setting it does not count.
-FULLY_POWERED = 0.95
+#: Why a sample of a powered phase does not count.
 PART_POWERED = "part_powered"
 
 #: Where coefficients are looked for.

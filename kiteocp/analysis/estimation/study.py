@@ -71,8 +71,10 @@ def estimate(
     """
     if wind is not None:
         check_word("wind", wind, get_args(WindSource))
-    chosen = _chosen(flight, cycles)
-    warnings: list[str] = []
+    chosen = _chosen(flight, cycles).flying()
+    if not len(chosen):
+        raise InputError("has no sample of a phase with the kite in the air; check the column map", file=flight.name)
+    warnings = list(flight.warnings)
     source = wind or _available(chosen)
     start = _wind(chosen, problem, _available(chosen) if source == "fit" else source, calibrate, ground_height_m)
     turned, blown = start.turned(chosen), start.applied(problem)

@@ -183,6 +183,7 @@ def wind_from_airspeed(flight: FlightData, problem: Problem, *, calibrate: bool 
     InputError
         Fewer than `FEWEST_SAMPLES` samples have an airspeed.
     """
+    flight = flight.flying()
     samples = measured_samples(flight)
     # Force and course do not matter here, the rest must be there.
     needed = [*samples[: MEASURED.index("course_deg")], *samples[MEASURED.index("radial_speed_m_s") : -1]]

@@ -8,157 +8,43 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Any, get_args
 
 import msgspec
 from msgspec import Struct
 
+from kiteocp.analysis.flights.blocks import (
+    Angle,
+    Block,
+    CartesianPosition,
+    Course,
+    Force,
+    Length,
+    Number,
+    Phase,
+    Power,
+    PowerSetting,
+    Speed,
+    SphericalPosition,
+    Time,
+    Velocity,
+    WindAtHeight,
+    WindDirection,
+)
 from kiteocp.analysis.flights.data import FLIGHT_PHASES
 from kiteocp.errors import InputError
 from kiteocp.problem.checking import nearest
 from kiteocp.problem.files import user_path
 from kiteocp.problem.reading import read_document
 
-AngleUnit = Literal["deg", "rad"]
-LengthUnit = Literal["m", "km", "ft"]
-SpeedUnit = Literal["m/s", "km/h", "kn", "ft/s"]
-ForceUnit = Literal["N", "kN", "daN", "kgf", "lbf"]
-TimeUnit = Literal["s", "ms", "min", "h"]
 
-#: What one of each unit is in the unit of `FlightData` (degrees for angles).
-FACTORS: dict[str, float] = {
-    "deg": 1.0, "rad": 57.29577951308232, "m": 1.0, "km": 1000.0, "ft": 0.3048, "m/s": 1.0, "km/h": 1 / 3.6,
-    "kn": 1852.0 / 3600.0, "ft/s": 0.3048, "N": 1.0, "kN": 1000.0, "daN": 10.0, "kgf": 9.80665,
-    "lbf": 4.4482216152605, "s": 1.0, "ms": 0.001, "min": 60.0, "h": 3600.0,
-}  # fmt: skip
-
-
-class _Block(Struct, frozen=True, forbid_unknown_fields=True):
-    """Common settings of all blocks."""
-
-
-class Angle(_Block, frozen=True):
-    """An angle that means the same everywhere (elevation, angle of attack)."""
-
-    column: str
-    unit: AngleUnit
-
-
-class Length(_Block, frozen=True):
-    """A length."""
-
-    column: str
-    unit: LengthUnit
-
-
-class Speed(_Block, frozen=True):
-    """A speed; ``sign`` -1 where the recording counts it the other way round."""
-
-    column: str
-    unit: SpeedUnit
-    sign: Literal[1, -1] = 1
-
-
-class Force(_Block, frozen=True):
-    """A force."""
-
-    column: str
-    unit: ForceUnit
-
-
-class Time(_Block, frozen=True):
-    """Time, from any origin."""
-
-    column: str
-    unit: TimeUnit
-
-
-class Number(_Block, frozen=True):
-    """A column of whole numbers."""
-
-    column: str
-
-
-class Phase(_Block, frozen=True):
-    """The phase of the cycle, by labels: each label to retraction, transition, traction or turn."""
-
-    column: str
-    labels: dict[str, Literal["retraction", "transition", "traction", "turn"]]
-
-
-class Azimuth(_Block, frozen=True):
-    """Azimuth of the kite: bearing from a zero, in a sense as seen from above.
-
-    ``zero_bearing_deg`` is the bearing of its zero, clockwise from north; where the position is Cartesian it may be
-    left out and follows from position and azimuth.
-    """
-
-    column: str
-    unit: AngleUnit
-    sense: Literal["clockwise", "counter-clockwise"]
-    zero_bearing_deg: float | None = None
-
-
-class Course(_Block, frozen=True):
-    """Course of the kite in the tangential plane, in a sense as seen from the ground station."""
-
-    column: str
-    unit: AngleUnit
-    zero: Literal["up", "down"]
-    sense: Literal["clockwise", "counter-clockwise"]
-
-
-class WindDirection(_Block, frozen=True):
-    """Direction of the wind, clockwise from north: where it comes from, or where it blows to."""
-
-    column: str
-    unit: AngleUnit
-    of: Literal["from", "to"]
-
-
-class PowerSetting(_Block, frozen=True):
-    """A depower or power signal, with its own values where the kite is fully powered and fully depowered."""
-
-    column: str
-    powered: float
-    depowered: float
-
-
-class CartesianPosition(_Block, frozen=True, tag_field="frame", tag="cartesian"):
-    """Position from the ground station, towards east, north and up."""
-
-    east: Length
-    north: Length
-    up: Length
-    azimuth: Azimuth | None = None
-
-
-class SphericalPosition(_Block, frozen=True, tag_field="frame", tag="spherical"):
-    """Position by straight distance, elevation and azimuth."""
-
-    distance: Length
-    elevation: Angle
-    azimuth: Azimuth
-
-
-class Velocity(_Block, frozen=True):
-    """Velocity of the kite in three columns: north, east, down; east, north, up; or radial, polar, azimuthal.
-
-    Polar is downwards (towards the ground), azimuthal counter-clockwise as seen from above.
-    """
-
-    frame: Literal["NED", "ENU", "spherical"]
-    columns: tuple[str, str, str]
-    unit: SpeedUnit
-
-
-class ColumnMap(_Block, frozen=True, kw_only=True):
+class ColumnMap(Block, frozen=True, kw_only=True):
     """The layout of a recording.
 
     ``downwind_bearing_deg`` fixes the bearing of the model's zero azimuth; where it is left out it is that of the
-    recording's own azimuth.
+    recording's own azimuth. Without a ``velocity`` that of the kite is the derivative of its position.
     """
 
     name: str
@@ -169,13 +55,15 @@ class ColumnMap(_Block, frozen=True, kw_only=True):
     cycle: Number | None = None
     phase: Phase
     position: CartesianPosition | SphericalPosition
-    velocity: Velocity
+    velocity: Velocity | None = None
     course: Course | None = None
     tether_length: Length | None = None
     reeling_speed: Speed
     tether_force: Force
+    mechanical_power: Power | None = None
     ground_wind_speed: Speed | None = None
     ground_wind_direction: WindDirection | None = None
+    wind_at_height: WindAtHeight | None = None
     apparent_wind_speed: Speed | None = None
     angle_of_attack: Angle | None = None
     power_setting: PowerSetting | None = None
@@ -183,6 +71,15 @@ class ColumnMap(_Block, frozen=True, kw_only=True):
     def columns(self) -> list[str]:
         """Return the name of every column that the map uses, each once."""
         return list(dict.fromkeys(_columns(self)))
+
+    def without_absent(self, present: Container[str]) -> ColumnMap:
+        """Return the map without the optional quantities of which a column is not among those `present`."""
+        absent: dict[str, None] = {}
+        for field in msgspec.structs.fields(type(self)):
+            block = getattr(self, field.name)
+            if not field.required and isinstance(block, Struct) and any(c not in present for c in _columns(block)):
+                absent[field.name] = None
+        return msgspec.structs.replace(self, **absent)
 
 
 def _columns(block: Struct) -> Iterator[str]:
@@ -243,7 +140,7 @@ def _sentence(complaint: str, content: dict[Any, Any]) -> tuple[str, str]:
         remedy = f"did you mean {prefix}{near}?" if near else f"known are {', '.join(names)}"
         return f"{prefix}{quoted[0]} is not a known key; {remedy}", prefix + quoted[0]
     if "missing required field" in what:
-        return f"{prefix}{quoted[0]} is missing; give it as the shipped map does (see its file)", prefix + quoted[0]
+        return f"{prefix}{quoted[0]} is missing; kiteocp new NAME --columns shows how", prefix + quoted[0]
     if path.startswith("phase.labels["):
         # msgspec does not say which label.
         labels = content["phase"]["labels"]

@@ -12,6 +12,32 @@ from numpy.typing import NDArray
 #: Phases in the order of a cycle. "turn" is the way from reel-out to reel-in; the model has no phase for it.
 FLIGHT_PHASES = ("retraction", "transition", "traction", "turn")
 
+#: Below this height above the ground station a kite does not fly: it lies, or is carried.
+GROUND_HEIGHT_M = 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class MeasuredWind:
+    """Wind measured at several heights beside a flight, as by a lidar; nan stands for a missing value.
+
+    Attributes
+    ----------
+    heights_m : float array
+        Heights above the ground station, ascending, shape (m,).
+    speed_m_s : float array
+        At each sample of the flight, shape (n, m).
+    direction_deg : float array
+        Where it comes from, clockwise from north, shape (n, m).
+    """
+
+    heights_m: NDArray[np.float64]
+    speed_m_s: NDArray[np.float64]
+    direction_deg: NDArray[np.float64]
+
+    def where(self, keep: NDArray[np.bool_]) -> MeasuredWind:
+        """Return the samples that a mask (n,) keeps."""
+        return MeasuredWind(self.heights_m, self.speed_m_s[keep], self.direction_deg[keep])
+
 
 @dataclass(frozen=True, eq=False)
 class FlightData:
@@ -55,6 +81,10 @@ class FlightData:
         Bearing of phi = 0, clockwise from north.
     counts : mapping of str to int
         Samples (or single values) rejected or repaired in reading, by reason.
+    wind_at_height : MeasuredWind or None
+        Measured at several heights; None where it was not.
+    notes, warnings : tuple of str
+        What reading found out for itself, and what of the recording contradicts itself; one sentence each.
     """
 
     time_s: NDArray[np.float64]
@@ -79,6 +109,9 @@ class FlightData:
     name: str = "flight"
     downwind_bearing_deg: float = 0.0
     counts: Mapping[str, int] = field(default_factory=dict)
+    wind_at_height: MeasuredWind | None = None
+    notes: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         lengths = {name: np.shape(values) for name, values in self.arrays().items()}
@@ -106,10 +139,26 @@ class FlightData:
             keep &= np.isin(self.phase, [phase] if isinstance(phase, str) else list(phase))
         return self.where(keep)
 
+    def flying(self) -> FlightData:
+        """Return the samples that belong to a phase, with the kite off the ground; the others are counted."""
+        ground = np.abs(self.height_m) < GROUND_HEIGHT_M
+        keep = (self.phase != "") & ~ground
+        if keep.all():
+            return self
+        counts = dict(self.counts)
+        if ground.any():
+            counts["rows_on_ground"] = counts.get("rows_on_ground", 0) + int(ground.sum())
+        # In reading, samples without a phase were counted already.
+        if without := int(np.count_nonzero(self.phase == "")):
+            counts["rows_without_phase"] = max(without, counts.get("rows_without_phase", 0))
+        return replace(self.where(keep), counts=counts)
+
     def where(self, keep: NDArray[np.bool_]) -> FlightData:
         """Return the samples that a mask (n,) keeps."""
         kept: dict[str, Any] = {name: values[keep] for name, values in self.arrays().items()}
+        if self.wind_at_height is not None:
+            kept["wind_at_height"] = self.wind_at_height.where(keep)
         return replace(self, **kept)
 
 
-_SCALARS = ("name", "downwind_bearing_deg", "counts")
+_SCALARS = ("name", "downwind_bearing_deg", "counts", "wind_at_height", "notes", "warnings")

@@ -4,8 +4,33 @@ from __future__ import annotations
 
 import numpy as np
 
+from kiteocp.analysis.flights.blocks import Course
 from kiteocp.analysis.flights.cleaning import FloatArray
-from kiteocp.analysis.flights.columns import Course
+
+
+def cartesian(
+    distance_m: FloatArray, elevation_deg: FloatArray, bearing_deg: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the position to east, to north and upwards (m) from distance, elevation and bearing."""
+    across = distance_m * np.cos(np.radians(elevation_deg))
+    bearing = np.radians(bearing_deg)
+    return across * np.sin(bearing), across * np.cos(bearing), distance_m * np.sin(np.radians(elevation_deg))
+
+
+def cartesian_velocity(
+    velocity: tuple[FloatArray, FloatArray, FloatArray],
+    elevation_deg: FloatArray,
+    azimuth_deg: FloatArray,
+    bearing0: float,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the velocity to east, to north and upwards of a spherical one (`spherical_velocity` undone)."""
+    radial, polar, azimuthal = velocity
+    beta, bearing = np.radians(elevation_deg), np.radians(bearing0 - azimuth_deg)
+    outwards = radial * np.cos(beta) + polar * np.sin(beta)
+    # Azimuthal is to the left, seen from above looking outwards.
+    east = outwards * np.sin(bearing) - azimuthal * np.cos(bearing)
+    north = outwards * np.cos(bearing) + azimuthal * np.sin(bearing)
+    return east, north, radial * np.sin(beta) - polar * np.cos(beta)
 
 
 def spherical_velocity(

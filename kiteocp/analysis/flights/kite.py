@@ -13,13 +13,11 @@ from kiteocp.analysis.estimation.inversion import invert
 from kiteocp.analysis.estimation.wind import WindEstimate, wind_from_airspeed, wind_of_problem
 from kiteocp.analysis.flights.cleaning import FloatArray
 from kiteocp.analysis.flights.data import FlightData
+from kiteocp.analysis.flights.power_setting import FULLY_POWERED
 from kiteocp.analysis.flights.replay import WinchLaw, winch_law
 from kiteocp.analysis.flights.sensor import airspeed_factor
 from kiteocp.errors import InputError
 from kiteocp.problem import Problem
-
-#: On its way to the powered setting the kite tells of neither: below this setting a transition is left out.
-FULLY_POWERED = 0.95
 
 #: Steps for the slope of one estimate over another: relative, and of a direction.
 SLOPE_STEP, DIRECTION_STEP_DEG = 0.01, 1.0

@@ -3,34 +3,28 @@
 from __future__ import annotations
 
 import os
-from collections import Counter
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from kiteocp.analysis.flights import cleaning
+from kiteocp.analysis.flights.blocks import FACTORS, Azimuth, CartesianPosition
 from kiteocp.analysis.flights.cleaning import FloatArray, circular_median_deg, wrapped
-from kiteocp.analysis.flights.columns import (
-    FACTORS,
-    Azimuth,
-    CartesianPosition,
-    ColumnMap,
-    load_columns,
-    shipped_columns,
-)
-from kiteocp.analysis.flights.data import FlightData
-from kiteocp.analysis.flights.frames import model_course, spherical_velocity
+from kiteocp.analysis.flights.columns import ColumnMap
+from kiteocp.analysis.flights.contradictions import contradictions, recorded_course_disagrees
+from kiteocp.analysis.flights.data import FlightData, MeasuredWind
+from kiteocp.analysis.flights.frames import cartesian, model_course, spherical_velocity
+from kiteocp.analysis.flights.map_choice import map_for
+from kiteocp.analysis.flights.motion import derivative
+from kiteocp.analysis.flights.power_setting import check_levels, levels, setting_of
 from kiteocp.analysis.flights.recording import read_table
-from kiteocp.errors import InputError, printable
+from kiteocp.analysis.flights.samples import Samples
+from kiteocp.errors import printable
 from kiteocp.problem.files import user_path
 
-#: A step in time longer than so many median steps is a gap.
-GAP_STEPS = 3.0
-
-#: Velocity and course column are compared where the kite moves across the tether faster than this (m/s); further apart
-#: than that (deg) they disagree.
-COURSE_SPEED_M_S, COURSE_DISAGREES_DEG = 5.0, 45.0
+Texts = np.ndarray[Any, np.dtype[np.str_]]
 
 
 def load_flight(
@@ -43,7 +37,9 @@ def load_flight(
     path : str or path-like
         A CSV file with a header row.
     columns : ColumnMap, str or path-like, optional
-        The column map, by its shipped name or its path; where left out, the shipped one whose columns are all there.
+        The column map, by its shipped name or its path; where left out, the shipped one whose necessary columns are all
+        there. An optional quantity of a map that is not in the recording is left out; ``warnings`` says so, except of a
+        shipped map.
     name : str, optional
         What the flight is called; the stem of the file where left out.
 
@@ -51,7 +47,8 @@ def load_flight(
     -------
     FlightData
         In order of time. ``counts`` says what was wrong with the recording: rows dropped (``rows_...``), values set to
-        missing or repaired (``values_...``), each by reason, and ``gaps``.
+        missing or repaired (``values_...``), each by reason, and ``gaps``. ``warnings`` says which columns contradict
+        each other under the map.
 
     Raises
     ------
@@ -59,78 +56,38 @@ def load_flight(
         The file is missing, unreadable or empty, lacks a column, or holds no sample of a phase.
     """
     table = read_table(user_path(path), str(path))
-    layout = columns if isinstance(columns, ColumnMap) else _layout_for(table, columns, str(path))
-    missing = [column for column in layout.columns() if column not in table]
-    if missing:
-        raise InputError(
-            f"has no column {', '.join(missing)} (column map {layout.name}); give the right map with --columns",
-            file=str(path),
-            key=missing[0],
-        )
-    reader = _Reader(table, layout, str(path))
+    layout, warnings = map_for(table, columns, str(path))
+    samples = Samples(table, layout, str(path))
+    samples.warnings += warnings
     # The name goes into comments, tables and JSON; that of a file may hold what these cannot.
-    return reader.flight(printable(name or Path(path).stem))
-
-
-def _layout_for(table: dict[str, Any], columns: str | os.PathLike[str] | None, label: str) -> ColumnMap:
-    """Return the map asked for, or the shipped one that fits."""
-    if columns is not None:
-        return load_columns(columns)
-    layouts = [load_columns(name) for name in shipped_columns()]
-    lacking = {layout.name: [c for c in layout.columns() if c not in table] for layout in layouts}
-    fitting = [layout for layout in layouts if not lacking[layout.name]]
-    if fitting:
-        return fitting[0]
-    name, nearest = min(lacking.items(), key=lambda item: len(item[1]))
-    raise InputError(
-        f"fits no shipped column map ({name} lacks {', '.join(nearest[:4])}{', ...' if len(nearest) > 4 else ''}); "
-        "describe its columns in a map and give it with --columns",
-        file=label,
-        key=nearest[0],
-    )
+    return _Reader(samples).flight(printable(name or Path(path).stem))
 
 
 class _Reader:
-    """One table read by one map, counting what is wrong."""
+    """One recording on its way into the conventions of the model."""
 
-    def __init__(self, table: dict[str, list[str]], layout: ColumnMap, label: str) -> None:
-        self.table, self.layout, self.label = table, layout, label
-        self.counts: Counter[str] = Counter()
-        time = self._numbers(layout.time.column) * FACTORS[layout.time.unit]
-        known = np.isfinite(time)
-        self.counts["rows_without_time"] += int((~known).sum())
-        rows = np.flatnonzero(known)
-        if rows.size < 2:
-            raise InputError(f"has no times in column {layout.time.column}; check the map", file=label)
-        self.counts["rows_out_of_order"] += int((time[rows] < np.maximum.accumulate(time[rows])).sum())
-        rows = rows[np.argsort(time[rows], kind="stable")]
-        # Of several rows of one time the first counts.
-        new = np.r_[True, np.diff(time[rows]) > 0]
-        self.counts["rows_repeated_time"] += int((~new).sum())
-        self.rows = rows[new]
-        self.time_s: FloatArray = time[self.rows] - time[self.rows][0]
-        steps = np.diff(self.time_s)
-        if steps.size == 0:
-            raise InputError(f"has one time only in column {layout.time.column}; check the map", file=label)
-        self.counts["gaps"] += int((steps > GAP_STEPS * np.median(steps)).sum())
+    def __init__(self, samples: Samples) -> None:
+        self.samples, self.layout, self.label = samples, samples.layout, samples.label
+        self.counts = samples.counts
 
     def flight(self, name: str) -> FlightData:
         """Return the flight."""
-        layout = self.layout
+        layout, samples = self.layout, self.samples
+        samples.drop_ground(self._height())
         phase = self._phases()
-        length = self._cleaned(layout.tether_length, "tether_length_m")
-        reeling = self._cleaned(layout.reeling_speed, "reeling_speed_m_s")
-        force = self._cleaned(layout.tether_force, "tether_force_ground_N")
+        length = samples.cleaned(layout.tether_length, "tether_length_m")
+        reeling = samples.cleaned(layout.reeling_speed, "reeling_speed_m_s")
+        force = samples.cleaned(layout.tether_force, "tether_force_ground_N")
         distance, elevation, azimuth, bearing0 = self._position(phase)
         off = cleaning.off_tether(distance, length)
         self.counts["values_position_off_tether"] += int(off.sum())
         for values in (distance, elevation, azimuth):
             values[off] = np.nan
-        radial, polar, azimuthal = self._velocity(elevation, azimuth, bearing0)
+        radial, polar, azimuthal = self._velocity(distance, elevation, azimuth, bearing0)
         direction, turned = cleaning.turn_directions(self._wind_direction(), bearing0)
         self.counts["values_wind_direction_turned"] += turned
         flight = FlightData(
-            time_s=self.time_s,
+            time_s=samples.time_s,
             cycle=self._cycles(phase),
             phase=phase,
             distance_m=distance,
@@ -138,60 +95,43 @@ class _Reader:
             elevation_deg=elevation,
             azimuth_deg=azimuth,
             height_m=distance * np.sin(np.radians(elevation)),
-            course_deg=self._course(polar, azimuthal),
+            course_deg=np.degrees(np.arctan2(azimuthal, polar)) % 360.0,
             radial_speed_m_s=radial,
             polar_speed_m_s=polar,
             azimuthal_speed_m_s=azimuthal,
             reeling_speed_m_s=reeling,
             tether_force_ground_N=force,
-            ground_wind_speed_m_s=self._cleaned(layout.ground_wind_speed, "ground_wind_speed_m_s"),
+            ground_wind_speed_m_s=samples.cleaned(layout.ground_wind_speed, "ground_wind_speed_m_s"),
             ground_wind_direction_deg=direction,
-            apparent_wind_speed_m_s=self._cleaned(layout.apparent_wind_speed, "apparent_wind_speed_m_s"),
-            angle_of_attack_deg=self._cleaned(layout.angle_of_attack, "angle_of_attack_deg"),
-            power_setting=self._power_setting(),
+            apparent_wind_speed_m_s=samples.cleaned(layout.apparent_wind_speed, "apparent_wind_speed_m_s"),
+            angle_of_attack_deg=samples.cleaned(layout.angle_of_attack, "angle_of_attack_deg"),
+            power_setting=self._power_setting(phase),
             name=name,
             downwind_bearing_deg=bearing0,
+            wind_at_height=self._wind_at_height(),
         )
         self._check(flight)
+        course, power = self._recorded_course(), self._recorded_power()
+        self.counts["values_course_disagrees"] += recorded_course_disagrees(flight, course)
+        flight = replace(flight, counts=dict(self.counts))
+        warnings, notes = contradictions(flight, layout, self._recorded_bearing(), course, power)
+        samples.warnings += warnings
+        samples.notes += notes
         counts = {reason: count for reason, count in sorted(self.counts.items()) if count}
-        return FlightData(**flight.arrays(), name=name, downwind_bearing_deg=bearing0, counts=counts)
+        return replace(flight, counts=counts, notes=tuple(samples.notes), warnings=tuple(samples.warnings))
 
-    def _numbers(self, column: str) -> FloatArray:
-        """Return a column as numbers, missing where it holds none; what is neither number nor blank is counted."""
-        values = np.full(len(self.table[column]), np.nan)
-        unreadable = 0
-        for index, text in enumerate(self.table[column]):
-            try:
-                values[index] = float(text)
-            except ValueError:
-                unreadable += text.lower() not in ("", "nan", "na", "null", "none", "-")
-        values[np.isinf(values)] = np.nan
-        self.counts["values_unreadable"] += unreadable
-        return values
+    def _height(self) -> FloatArray:
+        """Return the height as recorded, m."""
+        position, samples = self.layout.position, self.samples
+        if isinstance(position, CartesianPosition):
+            return samples.column(position.up.column, position.up.unit, count_missing=False)
+        distance = samples.column(position.distance.column, position.distance.unit, count_missing=False)
+        elevation = samples.column(position.elevation.column, position.elevation.unit, count_missing=False)
+        return distance * np.sin(np.radians(elevation))
 
-    def _column(self, column: str, unit: str) -> FloatArray:
-        values: FloatArray = self._numbers(column)[self.rows] * FACTORS[unit]
-        self.counts["values_missing"] += int(np.isnan(values).sum())
-        return values
-
-    def _clean(self, values: FloatArray, quantity: str, *, frozen: bool = True) -> FloatArray:
-        self.counts["values_out_of_range"] += cleaning.clip_range(values, quantity)
-        if frozen:
-            self.counts["values_frozen"] += cleaning.drop_frozen(values, self.time_s)
-        self.counts["values_spikes"] += cleaning.drop_spikes(values, self.time_s)
-        return values
-
-    def _cleaned(self, block: Any, quantity: str) -> FloatArray:
-        """Return a single quantity in the unit of `FlightData`, its faults set to missing."""
-        if block is None:
-            return np.full(self.rows.size, np.nan)
-        values = self._column(block.column, block.unit) * getattr(block, "sign", 1)
-        # A drum at rest repeats its length, a calm its wind; forces and air speeds never stand still.
-        return self._clean(values, quantity, frozen=quantity in ("tether_force_ground_N", "apparent_wind_speed_m_s"))
-
-    def _phases(self) -> np.ndarray[Any, np.dtype[np.str_]]:
+    def _phases(self) -> Texts:
         block = self.layout.phase
-        texts = [self.table[block.column][row] for row in self.rows]
+        texts = self.samples.texts(block.column)
         phase = np.array([block.labels.get(text, "") for text in texts], dtype="U10")
         self.counts["rows_without_phase"] += int((phase == "").sum())
         if not np.any(phase != ""):
@@ -204,39 +144,38 @@ class _Reader:
             )
         return phase
 
-    def _cycles(self, phase: np.ndarray[Any, np.dtype[np.str_]]) -> np.ndarray[Any, np.dtype[np.int64]]:
+    def _cycles(self, phase: Texts) -> np.ndarray[Any, np.dtype[np.int64]]:
         """Return the number of the cycle; where the recording has none, a new one begins with each traction."""
         if self.layout.cycle is not None:
-            numbers = self._numbers(self.layout.cycle.column)[self.rows]
+            numbers = self.samples.numbers(self.layout.cycle.column)[self.samples.rows]
             return np.where(np.isfinite(numbers), numbers, -1.0).astype(np.int64)
         named = np.where(phase == "", np.roll(phase, 1), phase)
         begins = (named[1:] == "traction") & (named[:-1] != "traction")
         return np.cumsum(np.r_[False, begins]).astype(np.int64)
 
-    def _position(self, phase: np.ndarray[Any, np.dtype[np.str_]]) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    def _position(self, phase: Texts) -> tuple[FloatArray, FloatArray, FloatArray, float]:
         """Return distance (m), elevation, azimuth (deg) and the bearing of zero azimuth (deg)."""
-        position = self.layout.position
+        position, samples = self.layout.position, self.samples
+        recorded = position.azimuth
         if isinstance(position, CartesianPosition):
             parts = (position.east, position.north, position.up)
-            east, north, up = (self._clean(self._column(p.column, p.unit), "cartesian_m") for p in parts)
+            east, north, up = (samples.clean(samples.column(p.column, p.unit), "cartesian_m") for p in parts)
             across = np.hypot(east, north)
             distance = np.hypot(across, up)
             elevation = np.degrees(np.arctan2(up, across))
             bearing = np.degrees(np.arctan2(east, north))
-            recorded = position.azimuth
         else:
-            distance = self._column(position.distance.column, position.distance.unit)
-            elevation = self._column(position.elevation.column, position.elevation.unit)
-            recorded = position.azimuth
-            if recorded.zero_bearing_deg is None:
+            distance = samples.column(position.distance.column, position.distance.unit)
+            elevation = samples.column(position.elevation.column, position.elevation.unit)
+            if position.azimuth.zero_bearing_deg is None:
                 raise InputError(
                     "position.azimuth.zero_bearing_deg is missing; give the bearing of zero azimuth in deg",
                     file=f"column map {self.layout.name}",
                     key="position.azimuth.zero_bearing_deg",
                 )
-            bearing = recorded.zero_bearing_deg + self._clockwise(recorded)
-        self._clean(distance, "distance_m", frozen=False)
-        self._clean(elevation, "elevation_deg", frozen=False)
+            bearing = position.azimuth.zero_bearing_deg + self._clockwise(position.azimuth)
+        samples.clean(distance, "distance_m", frozen=False)
+        samples.clean(elevation, "elevation_deg", frozen=False)
         bearing0 = self.layout.downwind_bearing_deg
         if bearing0 is None and recorded is not None:
             zero = recorded.zero_bearing_deg
@@ -248,51 +187,97 @@ class _Reader:
 
     def _clockwise(self, azimuth: Azimuth) -> FloatArray:
         sign = 1.0 if azimuth.sense == "clockwise" else -1.0
-        return sign * self._column(azimuth.column, azimuth.unit)
+        return sign * self.samples.column(azimuth.column, azimuth.unit)
 
-    def _velocity(self, elevation: FloatArray, azimuth: FloatArray, bearing0: float) -> tuple[FloatArray, ...]:
+    def _recorded_bearing(self) -> FloatArray | None:
+        """Return the recorded azimuth as a bearing from its own zero (deg); None where it is not recorded."""
+        azimuth = self.layout.position.azimuth
+        return None if azimuth is None else self._clockwise(azimuth)
+
+    def _velocity(
+        self, distance: FloatArray, elevation: FloatArray, azimuth: FloatArray, bearing0: float
+    ) -> tuple[FloatArray, ...]:
         """Return the radial, polar and azimuthal velocity of the kite (m/s)."""
-        block = self.layout.velocity
-        first, second, third = (self._clean(self._column(c, block.unit), "speed_m_s") for c in block.columns)
+        block, samples = self.layout.velocity, self.samples
+        if block is None:
+            east, north, up = cartesian(distance, elevation, bearing0 - azimuth)
+            moved = [samples.clean(derivative(samples.time_s, part), "speed_m_s") for part in (north, east, up)]
+            samples.notes.append("the velocity of the kite is the derivative of its position")
+            return spherical_velocity((moved[0], moved[1], moved[2]), elevation, azimuth, bearing0)
+        first, second, third = (samples.clean(samples.column(c, block.unit), "speed_m_s") for c in block.columns)
         if block.frame == "spherical":
             return first, second, third
         north, east, up = (first, second, -third) if block.frame == "NED" else (second, first, third)
         return spherical_velocity((north, east, up), elevation, azimuth, bearing0)
 
-    def _course(self, polar: FloatArray, azimuthal: FloatArray) -> FloatArray:
-        """Return the course of the velocity, and count where the recorded one disagrees.
+    def _recorded_course(self) -> FloatArray | None:
+        """Return the course of its own column in the model's sense (deg).
 
-        The velocity is taken because forces follow from it too; a course recorded on its own may lag behind.
+        That of the velocity is used, because forces follow from it too; a course recorded on its own may lag behind.
         """
-        course: FloatArray = np.degrees(np.arctan2(azimuthal, polar)) % 360.0
         block = self.layout.course
-        if block is not None:
-            recorded = model_course(block, self._column(block.column, block.unit))
-            moving = np.hypot(polar, azimuthal) > COURSE_SPEED_M_S
-            off = np.abs(wrapped(recorded - course)) > COURSE_DISAGREES_DEG
-            self.counts["values_course_disagrees"] += int((off & moving).sum())
-        return course
+        return None if block is None else model_course(block, self.samples.column(block.column, block.unit))
+
+    def _recorded_power(self) -> FloatArray | None:
+        """Return the recorded mechanical power, W; what is used is force times reeling speed."""
+        block = self.layout.mechanical_power
+        if block is None:
+            return None
+        return block.sign * self.samples.column(block.column, block.unit, count_missing=False)
 
     def _wind_direction(self) -> FloatArray:
         block = self.layout.ground_wind_direction
         if block is None:
-            return np.full(self.rows.size, np.nan)
-        direction = self._column(block.column, block.unit)
+            return np.full(self.samples.rows.size, np.nan)
+        direction = self.samples.column(block.column, block.unit)
         return (direction + (180.0 if block.of == "to" else 0.0)) % 360.0
 
-    def _power_setting(self) -> FloatArray:
-        block = self.layout.power_setting
+    def _wind_at_height(self) -> MeasuredWind | None:
+        block, samples = self.layout.wind_at_height, self.samples
         if block is None:
-            return np.full(self.rows.size, np.nan)
-        if block.powered == block.depowered:
+            return None
+        heights = np.array(block.heights) * FACTORS[block.unit]
+        lists = [block.speed.columns] + ([] if block.direction is None else [block.direction.columns])
+        if any(len(columns) != heights.size for columns in lists) or heights.size < 2 or np.any(np.diff(heights) <= 0):
+            raise InputError(
+                f"wind_at_height.heights has {heights.size} heights for {' and '.join(str(len(c)) for c in lists)} "
+                "columns; give two or more ascending heights and one column for each",
+                file=f"column map {self.layout.name}",
+                key="wind_at_height.heights",
+            )
+        speed = samples.stacked(block.speed.columns, block.speed.unit, "ground_wind_speed_m_s")
+        if block.direction is None:
+            return MeasuredWind(heights, speed, np.full(speed.shape, np.nan))
+        direction = samples.stacked(block.direction.columns, block.direction.unit)
+        return MeasuredWind(heights, speed, (direction + (180.0 if block.direction.of == "to" else 0.0)) % 360.0)
+
+    def _power_setting(self, phase: Texts) -> FloatArray:
+        block, samples = self.layout.power_setting, self.samples
+        unknown = np.full(samples.rows.size, np.nan)
+        if block is None:
+            return unknown
+        if block.powered is not None and block.powered == block.depowered:
             raise InputError(
                 f"power_setting.powered and power_setting.depowered are both {block.powered:g}; give the two ends",
                 file=f"column map {self.layout.name}",
                 key="power_setting.powered",
             )
-        values = self._numbers(block.column)[self.rows]
+        values = samples.numbers(block.column)[samples.rows]
         self.counts["values_missing"] += int(np.isnan(values).sum())
-        return np.clip((values - block.depowered) / (block.powered - block.depowered), 0.0, 1.0)
+        found = levels(block, values, phase)
+        if found is None:
+            samples.notes.append(
+                f"column {block.column} does not tell the powered from the depowered kite; it was not used"
+            )
+            return unknown
+        if block.powered is None or block.depowered is None:
+            samples.notes.append(
+                f"by column {block.column} the kite is powered at {found[0]:.4g} and depowered at {found[1]:.4g}, as "
+                "found from the flight"
+            )
+        setting = setting_of(values, found)
+        check_levels(block, setting, values, phase, self.layout.name)
+        return setting
 
     def _check(self, flight: FlightData) -> None:
         """Refuse a flight of which a necessary quantity is missing throughout."""

@@ -99,6 +99,8 @@ def _shown(study: FlightStudy) -> Iterator[str]:
     speeds = [f"{cycle.wind.estimate.reference_speed_m_s:.1f}" for cycle in study.cycles]
     numbers = ", ".join(str(cycle.measured.number) for cycle in study.cycles)
     yield f"The predicted cycles ({numbers}) had {' and '.join(speeds)} m/s by the airspeed."
+    for note in flight.notes:
+        yield f"{note[0].upper()}{note[1:]}."
     if flight.counts:
         counted = ", ".join(f"{reason.replace('_', ' ')} {count}" for reason, count in flight.counts.items())
         yield f"Rejected or repaired in reading {len(flight)} samples: {counted}."

@@ -18,9 +18,6 @@ from kiteocp.errors import InputError, SolveError
 from kiteocp.execution import one_at_a_time
 from kiteocp.problem import Problem
 
-#: Share of samples whose recorded course may disagree with the velocity.
-DOUBTFUL_COURSES = 0.1
-
 #: Lift coefficients that a kite may have.
 CREDIBLE_LIFTS = {"powered": (0.25, 2.5), "depowered": (0.02, 1.5)}
 
@@ -116,18 +113,12 @@ def validate_flight(
         cycles=tuple(cycles),
         optimum=optimum,
         optimum_message=message,
-        warnings=(*warnings, *kite.warnings, *_doubts(flight, kite)),
+        warnings=(*warnings, *flight.warnings, *kite.warnings, *_doubts(kite)),
     )
 
 
-def _doubts(flight: FlightData, kite: EstimatedKite) -> Iterator[str]:
-    """Yield what of the numbers looks like a wrong unit, frame or sense in the column map."""
-    share = flight.counts.get("values_course_disagrees", 0) / max(len(flight), 1)
-    if share > DOUBTFUL_COURSES:
-        yield (
-            f"the recorded course disagrees with the velocity in {100 * share:.0f} % of the samples; check frame of "
-            "the velocity, zero and sense of the course in the column map"
-        )
+def _doubts(kite: EstimatedKite) -> Iterator[str]:
+    """Yield what of the numbers looks like a wrong unit in the column map."""
     for setting in kite.fit.samples:
         lift, _ = kite.fit.coefficients(setting)
         least, most = CREDIBLE_LIFTS[setting]

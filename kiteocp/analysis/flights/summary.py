@@ -54,6 +54,7 @@ def result_of(study: FlightStudy) -> Result:
                 "flight": study.flight.name,
                 "samples": len(study.flight),
                 "counts": dict(study.flight.counts),
+                "notes": list(study.flight.notes),
                 "downwind_bearing_deg": study.flight.downwind_bearing_deg,
                 "estimation": study.kite.to_dict(),
                 "cycles": [cycle.to_dict() for cycle in study.cycles],
