@@ -1,4 +1,4 @@
-"""Real signals at many instants of the long verbs: one sentence, exit status 130, what was reached is saved, at once."""
+"""Real signals at many instants of the long verbs: one sentence, exit status 130, what was reached saved, at once."""
 
 from __future__ import annotations
 

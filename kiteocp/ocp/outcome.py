@@ -30,8 +30,8 @@ DEGENERATE_TIME_S = 6.0
 def solve(problem: Problem, *, certificate: Level = "full") -> Result:
     """Find the pumping cycle of largest mean power under the limits of a problem.
 
-    Calls from several threads of a process take turns (CasADi and IPOPT are not safe otherwise): their results are those
-    of one call after another, and processes are what uses more than one core. Ctrl-C raises KeyboardInterrupt once
+    Calls from several threads of a process take turns (CasADi and IPOPT are not safe otherwise): their results are
+    those of one call after another, and processes are what uses more than one core. Ctrl-C raises KeyboardInterrupt once
     CasADi can be left.
 
     Parameters

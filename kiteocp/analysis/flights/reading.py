@@ -21,7 +21,7 @@ from kiteocp.analysis.flights.motion import derivative
 from kiteocp.analysis.flights.power_setting import check_levels, levels, setting_of
 from kiteocp.analysis.flights.recording import read_table
 from kiteocp.analysis.flights.samples import Samples
-from kiteocp.errors import printable
+from kiteocp.errors import InputError, printable
 from kiteocp.problem.files import user_path
 
 Texts = np.ndarray[Any, np.dtype[np.str_]]
