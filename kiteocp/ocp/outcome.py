@@ -31,8 +31,8 @@ def solve(problem: Problem, *, certificate: Level = "full") -> Result:
     """Find the pumping cycle of largest mean power under the limits of a problem.
 
     Calls from several threads of a process take turns (CasADi and IPOPT are not safe otherwise): their results are
-    those of one call after another, and processes are what uses more than one core. Ctrl-C raises KeyboardInterrupt once
-    CasADi can be left.
+    those of one call after another, and processes are what uses more than one core. Ctrl-C raises KeyboardInterrupt
+    once CasADi can be left.
 
     Parameters
     ----------
