@@ -45,7 +45,7 @@ _MASKS = (
     (re.compile(r"\d(?:\.\d+)?e-\d+"), "#"),
 )
 #: What a slow run tells while it goes on.
-_PROGRESS = re.compile(r"^\d+ of \d+ (?:.*, about \d+ s left|.* (?:done|solved|tried))\n", re.MULTILINE)
+_PROGRESS = re.compile(r"^\d+ of \d+ (?:.*, about \d+ s left|.* (?:done|solved|drawn))\n", re.MULTILINE)
 
 
 @dataclass(frozen=True)
