@@ -109,7 +109,7 @@ def test_what_cannot_be_written_is_found_before_computing(
 
 def test_long_and_odd_words_are_safe_names() -> None:
     words = [f"--set=environment.wind.{key}={value}" for key, value in (
-        ("profile", "table"), ("heights_m", list(range(0, 1010, 10))), ("speeds_m_s", [9.9] * 101)
+        ("profile", "table"), ("heights_m", list(range(0, 1010, 10))), ("speeds_m_s", [12.5] * 101)
     )]  # fmt: skip
     assert main([*SIMULATE, *words]) == 0
     (folder,) = folders()

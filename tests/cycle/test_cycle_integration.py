@@ -176,7 +176,7 @@ def test_finite_differences_in_a_wind_table(problem: kiteocp.Problem) -> None:
 
 @pytest.mark.parametrize("step", [0.0, -0.01, math.nan, math.inf])
 def test_time_step_must_be_positive(problem: kiteocp.Problem, step: float) -> None:
-    with pytest.raises(InputError, match="must be a positive number"):
+    with pytest.raises(InputError, match="must be a number not below"):
         kiteocp.simulate(problem, time_step=step)
 
 
