@@ -98,8 +98,8 @@ def _is_safe(frame: FrameType | None) -> bool:
             return False
         if frame.f_code.co_name == "__del__":
             return False
-        # Python ends by the signal itself, whatever is caught, once it has interrupted the text of an `exec`, as there is
-        # in the making of a dataclass; that of ``python -c`` is the program.
+        # Python ends by the signal itself, whatever is caught, once it has interrupted the text of an `exec`, as there
+        # is in the making of a dataclass; that of ``python -c`` is the program.
         if (frame.f_code.co_filename, frame.f_code.co_name) == ("<string>", "<module>") and module != "__main__":
             return False
         if module == "importlib._bootstrap_external" and isinstance(frame.f_locals.get("self"), ExtensionFileLoader):

@@ -91,10 +91,10 @@ class HeldQuantities:
         CycleError
             A quantity is scheduled and the progress of the phase is not monotone.
         """
-        record, schedule = cycle.records[PHASES.index(name)], cycle.schedules[PHASES.index(name)]
+        record = cycle.records[PHASES.index(name)]
         _, progress = progress_of(record)
         samples: dict[str, np.ndarray]
-        samples = {q: schedule.value(q, record.time_s) for q in ("power_setting", "course") if q in schedule.quantities}
+        samples = {q: record.steered[q] for q in ("power_setting", "course") if q in record.steered}
         # The kite holds the elevation itself over the length: a rate or a course held open loop would drift away.
         # That a course other than the mean one climbs is then a matter of the kite's controller.
         if name == "traction" and np.ptp(record.elevation_rad) > 0:

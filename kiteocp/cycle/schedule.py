@@ -26,7 +26,7 @@ from kiteocp.physics import kinematics
 from kiteocp.physics.equilibrium import OUTPUTS, explicit_state, outputs_of
 from kiteocp.physics.kinematics import Course
 from kiteocp.physics.model import Model, Position, Surroundings
-from kiteocp.physics.parameters import ParameterValues, Structure, parameters_of
+from kiteocp.physics.parameters import Parameters, ParameterValues, Structure, parameters_of
 
 #: What a schedule may give; the first is always given, the others where the phase does not prescribe them.
 FORCE = "radial_ground_force"
@@ -34,6 +34,19 @@ SCHEDULED = (FORCE, "power_setting", "elevation_rate", "course")
 
 #: Highest polynomial degree of a piece plus one: a continuous control has the degree of the mesh, nine at most.
 COEFFICIENTS = 10
+
+#: What the kite's controller commands, with the keys of its range and their unit. Between the points of a mesh it holds
+#: these limits, as the winch holds those of the force.
+COMMANDED: Mapping[str, tuple[str, float]] = {
+    "power_setting": ("limits.power_setting_{}", 1.0),
+    "course": ("limits.traction_course_{}_deg", np.pi / 180),
+}
+
+
+def commanded_range(quantity: str, values: Parameters | ParameterValues) -> tuple[Any, Any]:
+    """Least and greatest of a commanded quantity in SI units, symbolic or numeric."""
+    key, unit = COMMANDED[quantity]
+    return unit * values[key.format("min")], unit * values[key.format("max")]
 
 
 @dataclass(frozen=True)
@@ -77,7 +90,7 @@ class Schedule:
         s = (time_s - self.borders_s[index]) / np.diff(self.borders_s)[index]
         powers = s[:, None] ** np.arange(self.coefficients[name].shape[1])
         values: np.ndarray = np.sum(self.coefficients[name][index] * powers, axis=1)
-        return np.clip(values, 0.0, 1.0) if name == "power_setting" else values
+        return values
 
 
 @dataclass(frozen=True)
@@ -99,8 +112,9 @@ def schedule_functions(structure: Structure, name: PhaseName, quantities: tuple[
     length, elevation = ca.SX.sym("tether_length"), ca.SX.sym("elevation")
     scheduled = {quantity: ca.SX.sym(quantity) for quantity in quantities}
     values = ca.vertcat(*scheduled.values())
-    if "power_setting" in scheduled:
-        scheduled["power_setting"] = ca.fmin(ca.fmax(scheduled["power_setting"], 0.0), 1.0)
+    for quantity in COMMANDED.keys() & scheduled.keys():
+        low, high = commanded_range(quantity, parameters)
+        scheduled[quantity] = ca.fmin(ca.fmax(scheduled[quantity], low), high)
     position = nominal = kind.position(model, length, elevation)
     if "course" in scheduled:
         position = Position(length, elevation, nominal.azimuth, Course.of_angle(scheduled["course"]))
@@ -205,4 +219,6 @@ def record_on_schedule(
     """Put samples of a scheduled phase into a record; ``places`` are tether length (m) and elevation (rad)."""
     outputs = outputs_on_schedule(values, schedule, time_s, *places)
     steered = {name: schedule.value(name, time_s) for name in schedule.quantities if name != FORCE}
+    for name in COMMANDED.keys() & steered.keys():
+        steered[name] = np.clip(steered[name], *commanded_range(name, values))
     return PhaseRecord(schedule.name, time_s, *places, outputs, energy_J, steered)

@@ -199,7 +199,7 @@ def optimise(problem: Problem, *, certificate: Level = "full") -> Optimum:
             break
     if optimum is None:
         optimum = _judged(problem, values, attempts, meshes, certificate)
-    return _made_useful(optimum, options) if certificate == "quick" else optimum
+    return _made_useful(optimum, meshes, options) if certificate == "quick" else optimum
 
 
 def _within_limits(optimum: Optimum, meshes: list[MeshSolution], options: Options) -> Optimum:
@@ -221,16 +221,19 @@ def _within_limits(optimum: Optimum, meshes: list[MeshSolution], options: Option
         if divided is None or abs(divided.mean_power_W - last.mean_power_W) > SAME_POWER * abs(last.mean_power_W):
             break
         meshes[-1] = divided
-        optimum = _judged(optimum.problem, optimum.values, optimum.attempts, meshes, "full")
+        level = optimum.certificate.level
+        optimum = _judged(optimum.problem, optimum.values, optimum.attempts, meshes, level)
     return optimum
 
 
-def _made_useful(optimum: Optimum, options: Options) -> Optimum:
+def _made_useful(optimum: Optimum, meshes: list[MeshSolution], options: Options) -> Optimum:
     """Search again on a mesh of half the intervals' length where the solution of a quick certificate is none.
 
     There is no going on from it: a cycle that lives on what the mesh does not see may lead to a worse local optimum.
+    One that can be flown, and leaves limits only between points, is kept, and the mesh divided there.
     """
     problem, values = optimum.problem, optimum.values
+    optimum = _within_limits(optimum, meshes, options)
     for _ in range(QUICK_REFINEMENTS):
         failures = {check.name for check in optimum.certificate.failures}
         if not failures or not failures <= USELESS:
@@ -238,11 +241,11 @@ def _made_useful(optimum: Optimum, options: Options) -> Optimum:
         finer = optimum.formulation.refined()
         try:
             attempts = search(values, finer, options)
-            best = best_of(attempts).solution
         except SolveError:
             break
-        mesh = MeshSolution(finer, cycle_solver(values.structure, finer, options), best, halved=False)
-        optimum = _judged(problem, values, attempts, [mesh], "quick")
+        solver = cycle_solver(values.structure, finer, options)
+        meshes = [MeshSolution(finer, solver, best_of(attempts).solution, halved=False)]
+        optimum = _within_limits(_judged(problem, values, attempts, meshes, "quick"), meshes, options)
     return optimum
 
 

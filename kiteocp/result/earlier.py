@@ -20,7 +20,7 @@ _FILES: dict[str, tuple[str, ...]] = {
     "estimate": ("estimated.yaml", "timeseries.csv"),
     "validate": ("report.html", "timeseries.csv", "timeseries_prescribed.csv"),
 }
-_PICTURES: dict[str, tuple[str, ...]] = {
+PICTURES: dict[str, tuple[str, ...]] = {
     "simulate": ("cycle",),
     "solve": ("cycle",),
     "sensitivity": ("sensitivity", "variation", "global"),
@@ -72,7 +72,7 @@ def earlier_result(directory: Path) -> Earlier | None:
 def files_of(verb: str, directory: Path) -> list[Path]:
     """Return the files in a directory that have names a verb writes, the summary not among them."""
     patterns = [*_FILES.get(verb, ())]
-    patterns += [f"{stem}.{suffix}" for stem in _PICTURES.get(verb, ()) for suffix in PICTURE_FORMATS]
+    patterns += [f"{stem}.{suffix}" for stem in PICTURES.get(verb, ()) for suffix in PICTURE_FORMATS]
     return sorted({path for pattern in patterns for path in directory.glob(pattern) if path.is_file()})
 
 

@@ -95,7 +95,7 @@ def test_the_estimate_is_what_the_power_changes_by() -> None:
         assert signed(mesh.errors(values)) == pytest.approx(error, rel=0.05)
     values = parameter_values(kinked())
     *meshes, finest = on_meshes(False, 3)
-    # On the first, what bounds the acceleration inside an interval keeps it below its limit; the estimate does not know.
+    # On the first, what bounds the acceleration inside an interval keeps it below its limit, unknown to the estimate.
     for mesh in meshes[1:]:
         error = finest.mean_power_W / mesh.mean_power_W - 1.0
         assert 1.5 * signed(mesh.errors(values)) < error < -1e-5

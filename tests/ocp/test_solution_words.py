@@ -93,7 +93,7 @@ def test_iterations_of_the_solver_and_of_the_certificate_are_one_story(certifica
     assert counts[0] == result.details["solver"]["iterations"]
     assert counts[1:] == [mesh["iterations"] for mesh in result.details["meshes"][1:]]
     assert len(counts) == len(result.details["meshes"])
-    assert f"on mesh {result.details['meshes'][-1]['intervals']} after {counts[-1]} iterations" in check
+    assert f"on mesh {tuple(result.details['meshes'][-1]['intervals'])} after {counts[-1]} iterations" in check
 
 
 @pytest.mark.parametrize("json_output", [False, True])
