@@ -45,7 +45,11 @@ def values_of(name: str) -> ParameterValues:
 
 def varied(values: ParameterValues, spread: float, count: int, seed: int) -> dict[str, np.ndarray]:
     factors = np.random.default_rng(seed).uniform(1 - spread, 1 + spread, (len(VARIED), count))
-    return {key: values[key] * row for key, row in zip(VARIED, factors, strict=True)}
+    drawn = {key: values[key] * row for key, row in zip(VARIED, factors, strict=True)}
+    # A contradiction is refused, as in a file.
+    shortest, longest = "operation.tether_length_min_m", "operation.tether_length_max_m"
+    drawn[shortest], drawn[longest] = np.sort([drawn[shortest], drawn[longest]], axis=0)
+    return drawn
 
 
 def flown_or_not(values: ParameterValues) -> tuple[list[FlownPhase], tuple[str, str]]:
