@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kiteocp.cli.calculation import asked_of, conclude, digest_of, load, place_of, save, saved_if_interrupted
-from kiteocp.cli.parser import add_output, add_overrides, positive_number
+from kiteocp.cli.parser import add_output, add_overrides, number_from_zero, positive_number
 from kiteocp.errors import InputError
 
 if TYPE_CHECKING:
@@ -21,7 +21,14 @@ HELP = "estimate the aerodynamics of a kite, and the wind, from flight data"
 MOST_CYCLES = 100_000
 
 #: Named here, so that a mistyped one is answered without loading what computes.
-WIND_SOURCES = ("airspeed", "ground", "fit", "problem")
+WIND_SOURCES = ("measured", "airspeed", "ground", "fit", "problem")
+
+#: Options that say how far off is what the data do not tell, with their attribute of `WindUnknowns` and what they mean.
+UNKNOWNS = {
+    "shear_error": ("shear_exponent", "exponent of the wind profile (default 0.1)"),
+    "height_error": ("sensor_height_share", "share of the height of the wind sensor at the ground (default 0.2)"),
+    "gauge_error": ("airspeed_gauge", "share by which the gain of the airspeed sensor changes (default 0.03)"),
+}
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -42,8 +49,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--wind",
         choices=WIND_SOURCES,
-        help="where the wind at the kite comes from: the airspeed sensor, the sensor at the ground and the profile, "
-        "the force equilibrium itself, or the problem (default: the first of airspeed, ground and problem there is)",
+        help="where the wind at the kite comes from: measured at several heights (lidar), the airspeed sensor, the "
+        "sensor at the ground and the profile, the force equilibrium itself, or the problem (default: the first of "
+        "measured, airspeed, ground and problem there is)",
     )
     parser.add_argument(
         "--trust-airspeed",
@@ -57,6 +65,13 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="M",
         help="height of the wind sensor at the ground (default: that of the profile, 10 m at most)",
     )
+    for name, (_, meaning) in UNKNOWNS.items():
+        parser.add_argument(
+            f"--{name.replace('_', '-')}",
+            type=number_from_zero,
+            metavar="S",
+            help=f"standard deviation of the {meaning}; the interval of the wind carries it",
+        )
     add_overrides(parser)
     add_output(parser)
 
@@ -76,6 +91,7 @@ def run(arguments: argparse.Namespace) -> int:
         "wind": arguments.wind,
         "trust-airspeed": None if arguments.calibrate else True,
         "ground-height": arguments.ground_height,
+        **{name.replace("_", "-"): getattr(arguments, name) for name in UNKNOWNS},
     }
     asked = asked_of(arguments, NAME, problem, options, flight.stem)
     place = place_of(arguments, asked)
@@ -91,6 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _estimated(arguments: argparse.Namespace, problem: Problem) -> Estimation:
     from kiteocp.analysis.estimation.study import estimate  # noqa: PLC0415
+    from kiteocp.analysis.estimation.unknowns import WindUnknowns  # noqa: PLC0415
     from kiteocp.analysis.flights import load_flight  # noqa: PLC0415
 
     flight = load_flight(arguments.flight, arguments.columns)
@@ -105,7 +122,13 @@ def _estimated(arguments: argparse.Namespace, problem: Problem) -> Estimation:
         cycles=arguments.cycles,
         calibrate=arguments.calibrate,
         ground_height_m=arguments.ground_height,
+        unknowns=WindUnknowns(**_given_unknowns(arguments)),
     )
+
+
+def _given_unknowns(arguments: argparse.Namespace) -> dict[str, float]:
+    values = {attribute: getattr(arguments, name) for name, (attribute, _) in UNKNOWNS.items()}
+    return {attribute: value for attribute, value in values.items() if value is not None}
 
 
 def _cycles(text: str) -> tuple[int, ...]:

@@ -1,4 +1,4 @@
-"""Write a commented problem file to start from."""
+"""Write a commented problem file, or a column map of flight recordings, to start from."""
 
 from __future__ import annotations
 
@@ -10,12 +10,15 @@ from kiteocp.cli.output import say
 from kiteocp.errors import InputError
 
 NAME = "new"
-HELP = "write a commented problem file to start from"
+HELP = "write a commented problem file (or column map) to start from"
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Add the name of the problem and where to write it."""
-    parser.add_argument("name", metavar="NAME", help="name of the new problem")
+    """Add the name of the problem or map and where to write it."""
+    parser.add_argument("name", metavar="NAME", help="name of the new problem or column map")
+    parser.add_argument(
+        "--columns", action="store_true", help="write a column map for estimate and validate instead of a problem"
+    )
     parser.add_argument("-o", "--output", metavar="FILE", help="where to write (default NAME.yaml)")
 
 
@@ -34,6 +37,12 @@ def run(arguments: argparse.Namespace) -> int:
         path /= f"{name}.yaml"
     if os.path.lexists(path):
         raise InputError(f"{path}: is there already and is not overwritten; choose another file with -o FILE")
-    write_atomically({path: problem_template(name).encode()})
+    if arguments.columns:
+        from kiteocp.analysis.flights.template import columns_template  # noqa: PLC0415
+
+        content = columns_template(name)
+    else:
+        content = problem_template(name)
+    write_atomically({path: content.encode()})
     say(f"written: {path}")
     return 0

@@ -48,6 +48,17 @@ def positive_number(text: str) -> float:
     return value
 
 
+def number_from_zero(text: str) -> float:
+    """Return a finite number of zero or more; for ``type=``."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value >= 0.0):
+        raise argparse.ArgumentTypeError(f"'{text}' is not a number of 0 or more")
+    return value
+
+
 def picture_format(text: str) -> str:
     """Return a known picture format; for ``type=``."""
     if text not in PICTURE_FORMATS:

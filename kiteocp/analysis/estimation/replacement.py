@@ -27,8 +27,8 @@ def estimated_problem(estimation: Estimation) -> Problem:
     for key, speed in wind_speeds(parameter_values(estimation.problem)).items():
         changes[key] = _rounded(wind.scale * speed)
         # The entries of a table share one error, which the uncertainties of a problem file cannot say.
-        if wind.scale_standard_error is not None and not key.endswith("]"):
-            errors[key] = wind.scale_standard_error * speed
+        if wind.total_standard_error is not None and not key.endswith("]"):
+            errors[key] = wind.total_standard_error * speed
     uncertain = {
         f"uncertainty.{key}": {"standard_deviation": _rounded(error)} for key, error in errors.items() if error > 0
     }
@@ -48,7 +48,8 @@ def problem_yaml(estimation: Estimation) -> str:
     lines = [
         f"# {estimation.problem.name} with what the flight {flight} shows: coefficients by the fit,",
         f"# wind by {wind.source} (it blows {wind.direction_offset_deg:+.1f} deg from the azimuth zero of the flight).",
-        "# The standard errors are those of the estimate; what the model leaves out is not in them.",
+        "# The standard errors are those of the estimate, that of the wind with its profile, sensor height and gauge;",
+        "# what the model leaves out is not in them.",
         "",
     ]
     given = estimated_problem(estimation).origin.given

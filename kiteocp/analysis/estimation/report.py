@@ -20,6 +20,9 @@ OTHER_REASONS = {
     PART_POWERED: "a powered phase, but the kite not yet fully powered",
 }
 
+#: What is not known of the wind, in words.
+_UNKNOWNS = {"profile": "profile", "sensor_height": "height of the sensor", "airspeed_gauge": "gauge of the airspeed"}
+
 
 def format_estimates(result: Result) -> str:
     """Return the report of a result of the verb ``estimate``: several lines, without a newline at the end."""
@@ -52,14 +55,18 @@ def _wind(found: Mapping[str, Any]) -> list[str]:
     wind, fit = found["wind"], found["fit_with_wind"]
     speed, height, scale = wind["reference_speed_m_s"], wind["reference_height_m"], wind["scale"]
     text = f"wind by {wind['source']}: {speed:.2f} m/s at {height:g} m"
-    if wind["scale_interval"]:
-        low, high = (end / scale * speed for end in wind["scale_interval"])
+    if wind["scale_total_interval"]:
+        low, high = (end / scale * speed for end in wind["scale_total_interval"])
         text += f" (95 %: {low:.2f} to {high:.2f})"
     text += f", {scale:.3f} of the problem's, towards an azimuth of {wind['direction_offset_deg']:+.1f} deg"
     if wind["direction_interval_deg"]:
         low, high = wind["direction_interval_deg"]
         text += f" ({low:+.1f} to {high:+.1f})"
     lines = [text]
+    if wind["systematic_shares"]:
+        low, high = (end / scale * speed for end in wind["scale_interval"])
+        parts = [f"{_UNKNOWNS[name]} {100 * share:.2g} %" for name, share in wind["systematic_shares"].items()]
+        lines.append(f"  by the scatter of the samples alone {low:.2f} to {high:.2f}; not known: {', '.join(parts)}")
     if wind["airspeed_gain"] is not None:
         error = wind["airspeed_gain_standard_error"]
         lines.append(f"  the airspeed sensor shows {wind['airspeed_gain']:.3f} +- {error:.3f} of the airspeed")
@@ -117,7 +124,7 @@ def _measured(mean: float | None, interval: Sequence[float | None]) -> str:
 def _wind_effect(found: Mapping[str, Any]) -> list[str]:
     if not found["wind_effect"]:
         return []
-    share = 100.0 * found["wind"]["scale_standard_error"] / found["wind"]["scale"]
+    share = 100.0 * found["wind"]["scale_total_standard_error"] / found["wind"]["scale"]
     changes: dict[str, list[str]] = {}
     for name, change in found["wind_effect"].items():
         setting, _, coefficient = name.partition(".")

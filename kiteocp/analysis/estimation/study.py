@@ -14,11 +14,13 @@ from kiteocp.analysis.estimation.estimates import Estimation
 from kiteocp.analysis.estimation.fit import WIND, CoefficientFit, fit_coefficients, fitted_wind
 from kiteocp.analysis.estimation.inversion import Inversion, invert
 from kiteocp.analysis.estimation.phases import phase_estimates
+from kiteocp.analysis.estimation.unknowns import WindUnknowns, with_unknowns
 from kiteocp.analysis.estimation.wind import (
     FEWEST_SAMPLES,
     WindEstimate,
     wind_from_airspeed,
     wind_from_ground,
+    wind_from_heights,
     wind_of_problem,
     winds_by_cycle,
 )
@@ -29,8 +31,8 @@ from kiteocp.problem import Problem
 
 FloatArray = NDArray[np.float64]
 
-WindSource = Literal["airspeed", "ground", "fit", "problem"]
-WIND_SOURCES: tuple[WindSource, ...] = ("airspeed", "ground", "fit", "problem")
+WindSource = Literal["measured", "airspeed", "ground", "fit", "problem"]
+WIND_SOURCES: tuple[WindSource, ...] = get_args(WindSource)
 
 #: Beyond these median resultant coefficients (of the projected area) there is no kite: flight and problem do not belong
 #: together, or a unit is wrong.
@@ -46,6 +48,7 @@ def estimate(
     cycles: Collection[int] | None = None,
     calibrate: bool = True,
     ground_height_m: float | None = None,
+    unknowns: WindUnknowns | None = None,
 ) -> Estimation:
     """Estimate coefficients and wind from a flight.
 
@@ -56,13 +59,15 @@ def estimate(
     problem
         Area, masses, tether, air and the shape of the wind profile; its coefficients are not used.
     wind
-        Where the wind at the kite comes from: ``airspeed`` (`wind_from_airspeed`), ``ground`` (`wind_from_ground`),
-        ``fit`` (the equilibrium itself) or ``problem``; the first of airspeed, ground and problem that the flight has
-        where left out.
+        Where the wind at the kite comes from: ``measured`` at height (`wind_from_heights`), ``airspeed``
+        (`wind_from_airspeed`), ``ground`` (`wind_from_ground`), ``fit`` (the equilibrium itself) or ``problem``; the
+        first of measured, airspeed, ground and problem that the flight has where left out.
     cycles
         Numbers of the cycles to use; all where left out.
     calibrate, ground_height_m
         As of `wind_from_airspeed` and `wind_from_ground`.
+    unknowns
+        What the data do not tell of the wind; its intervals carry it. The defaults of `WindUnknowns` where left out.
 
     Raises
     ------
@@ -94,6 +99,14 @@ def estimate(
                 f"{_interval(fit_with_wind.fit.interval(WIND[0]))}); the wind is that of the {start.source}"
             )
     fit = fit_coefficients(turned, blown, inversion)
+
+    def regauged(factor: float) -> WindEstimate:
+        gauged = replace(
+            chosen, apparent_wind_speed_m_s=chosen.apparent_wind_speed_m_s / (factor * (start.airspeed_gain or 1.0))
+        )
+        return wind_from_airspeed(gauged, problem, calibrate=False)
+
+    found = with_unknowns(found, chosen, problem, unknowns or WindUnknowns(), regauged, ground_height_m)
     for setting in ("powered", "depowered"):
         if setting not in fit.samples:
             warnings.append(f"the flight has too few {setting} samples; those coefficients stay as in the problem")
@@ -130,6 +143,9 @@ def _chosen(flight: FlightData, cycles: Collection[int] | None) -> FlightData:
 
 
 def _available(flight: FlightData) -> WindSource:
+    measured = flight.wind_at_height
+    if measured is not None and np.count_nonzero(np.isfinite(measured.speed_m_s)) >= FEWEST_SAMPLES:
+        return "measured"
     if np.count_nonzero(np.isfinite(flight.apparent_wind_speed_m_s)) >= FEWEST_SAMPLES:
         return "airspeed"
     return "ground" if np.count_nonzero(np.isfinite(flight.ground_wind_speed_m_s)) >= FEWEST_SAMPLES else "problem"
@@ -138,6 +154,8 @@ def _available(flight: FlightData) -> WindSource:
 def _wind(
     flight: FlightData, problem: Problem, source: WindSource, calibrate: bool, height_m: float | None
 ) -> WindEstimate:
+    if source == "measured":
+        return wind_from_heights(flight, problem)
     if source == "airspeed":
         return wind_from_airspeed(flight, problem, calibrate=calibrate)
     return wind_from_ground(flight, problem, height_m=height_m) if source == "ground" else wind_of_problem(problem)
@@ -179,10 +197,10 @@ def _round_trip(estimated: Problem, problem: Problem) -> RoundTrip | None:
 
 def _disagreements(found: WindEstimate, fit: CoefficientFit, start: WindEstimate, source: WindSource) -> list[str]:
     """Say where the wind used and the wind of the equilibrium contradict each other."""
-    if source == "fit" or not fit.wind_identified or found.scale_standard_error is None:
+    if source == "fit" or not fit.wind_identified or found.total_standard_error is None:
         return []
     factor = fit.fit.parameter(WIND[0])
-    error = float(np.hypot(found.scale_standard_error / found.scale, factor["standard_error"]))
+    error = float(np.hypot(found.total_standard_error / found.scale, factor["standard_error"]))
     if abs(factor["value"] - 1.0) <= 1.96 * error:
         return []
     return [
@@ -195,9 +213,9 @@ def _wind_effect(
     flight: FlightData, problem: Problem, wind: WindEstimate, fit: CoefficientFit
 ) -> dict[str, float] | None:
     """Fit again in a wind stronger by its standard error; `flight` is already in the frame of the wind."""
-    if not wind.scale_standard_error:
+    if not wind.total_standard_error:
         return None
-    stronger = replace(wind, scale=wind.scale + wind.scale_standard_error).applied(problem)
+    stronger = replace(wind, scale=wind.scale + wind.total_standard_error).applied(problem)
     found = fit_coefficients(flight, stronger, invert(flight, stronger))
     return {name: found.fit.value(name) - fit.fit.value(name) for name in fit.fit.names if name in found.fit.names}
 

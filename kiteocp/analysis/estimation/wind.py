@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
@@ -40,13 +41,17 @@ class WindEstimate:
     Attributes
     ----------
     source
-        ``airspeed``, ``ground``, ``fit`` or ``problem``.
+        ``measured`` (at several heights), ``airspeed``, ``ground``, ``fit`` or ``problem``.
     scale
         Factor on the wind speed of the problem.
     direction_offset_deg
         Azimuth, in the frame of the flight, towards which the wind blows.
     scale_standard_error, direction_standard_error_deg, scale_interval, direction_interval_deg
-        Their uncertainty (95 % intervals); None where the source has none.
+        Their statistical uncertainty (95 % intervals); None where the source has none.
+    scale_total_standard_error, scale_total_interval
+        The same with what the samples do not tell (`kiteocp.analysis.estimation.unknowns`); None where not asked for.
+    systematic_shares
+        By unknown, the share of the wind speed that it may be off by (one standard deviation).
     airspeed_gain, airspeed_gain_standard_error
         What the airspeed sensor shows of the airspeed, estimated along; None where it was not.
     correlation
@@ -75,6 +80,15 @@ class WindEstimate:
     residual_m_s: float | None = None
     reference_speed_m_s: float | None = None
     reference_height_m: float | None = None
+    scale_total_standard_error: float | None = None
+    scale_total_interval: tuple[float, float] | None = None
+    systematic_shares: Mapping[str, float] = field(default_factory=dict)
+
+    @property
+    def total_standard_error(self) -> float | None:
+        """Standard error of the scale, with what the samples do not tell where that is known."""
+        total = self.scale_total_standard_error
+        return self.scale_standard_error if total is None else total
 
     def applied(self, problem: Problem) -> Problem:
         """Return the problem with this wind speed."""
@@ -149,6 +163,50 @@ def wind_from_ground(flight: FlightData, problem: Problem, *, height_m: float | 
         samples=found.samples,
         effective_samples=found.effective_samples,
         residual_m_s=float(np.nanstd(flight.ground_wind_speed_m_s)),
+    )
+    return _with_speed(estimate, problem)
+
+
+def wind_from_heights(flight: FlightData, problem: Problem) -> WindEstimate:
+    """Fit the problem's profile to the wind measured at several heights, as by a lidar: the factor and the direction.
+
+    The heights where the kite flies count by the time that it spends nearest to them; the others do not.
+
+    Raises
+    ------
+    InputError
+        The flight has no wind measured at height.
+    """
+    measured = flight.wind_at_height
+    if measured is None or np.isfinite(measured.speed_m_s).sum() < FEWEST_SAMPLES:
+        raise InputError(
+            "the flight has no wind measured at height; choose --wind airspeed, ground or problem", file=flight.name
+        )
+    values = parameter_values(problem)
+    heights = measured.heights_m
+    profile = np.array([float(wind_function(values.structure)(height, values.vector)) for height in heights])
+    nearest = np.argmin(np.abs(flight.height_m[:, None] - heights), axis=1)
+    known = np.isfinite(measured.speed_m_s).any(axis=0)
+    time = np.bincount(nearest, minlength=heights.size) * (known & (profile > 0))
+    if not time.any():
+        raise InputError("the wind is measured at none of the heights that the kite flies at", file=flight.name)
+    ratios = measured.speed_m_s[:, time > 0] / profile[time > 0]
+    weights = np.isfinite(ratios) * time[time > 0]
+    with np.errstate(invalid="ignore"):
+        series = np.nansum(ratios * weights, axis=1) / weights.sum(axis=1)
+    found = average(flight.time_s, series)
+    speeds = np.nanmean(measured.speed_m_s[:, time > 0], axis=0)
+    misfit = speeds - found.mean * profile[time > 0]
+    offset = (flight.downwind_bearing_deg - (measured.direction_deg[:, time > 0] + 180.0) + 180.0) % 360.0 - 180.0
+    estimate = WindEstimate(
+        "measured",
+        found.mean,
+        direction_offset_deg=float(np.nanmedian(offset)) if np.isfinite(offset).any() else 0.0,
+        scale_standard_error=found.standard_error,
+        scale_interval=(found.low, found.high),
+        samples=found.samples,
+        effective_samples=found.effective_samples,
+        residual_m_s=float(np.sqrt(np.average(misfit**2, weights=time[time > 0]))),
     )
     return _with_speed(estimate, problem)
 
