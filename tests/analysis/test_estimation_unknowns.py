@@ -14,7 +14,9 @@ from kiteocp.analysis.estimation.profile import wind_function
 from kiteocp.analysis.estimation.study import estimate
 from kiteocp.analysis.estimation.unknowns import WindUnknowns
 from kiteocp.analysis.flights import FlightData, load_flight
+from kiteocp.analysis.flights.cycle_wind import wind_of_cycle
 from kiteocp.analysis.flights.data import MeasuredWind
+from kiteocp.analysis.flights.kite import estimate_kite
 from kiteocp.errors import InputError
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem, load_problem
@@ -103,3 +105,16 @@ def test_every_route_holds_what_the_lidar_measured(source: str, tmp_path: Path) 
     assert low * speed < LIDAR_MEAN_M_S < high * speed
     # An interval that holds everything says nothing.
     assert (high - low) * speed < 12.0
+
+
+@pytest.mark.skipif(not LIDAR_DATA.is_file(), reason="the flight data are not beside this checkout")
+def test_a_prediction_takes_the_measured_wind_too(tmp_path: Path) -> None:
+    system = tmp_path / "v3-2025.yaml"
+    system.write_text((LIDAR_DATA.parents[2] / "cases" / "v3-2025.yaml").read_text())
+    flight = load_flight(LIDAR_DATA)
+    kite = estimate_kite(flight, load_problem(str(system)), [0])
+    assert kite.wind.source == "measured"
+    other = wind_of_cycle(flight, kite, 1)
+    # Measured by itself: nothing of the wind of cycle 0 is in it.
+    assert (other.estimate.source, other.slope) == ("measured", 0.0)
+    assert other.estimate.scale != kite.wind.scale

@@ -1,4 +1,4 @@
-"""The wind of a predicted cycle, from its airspeed as gauged on other cycles, and all that a prediction depends on."""
+"""The wind of a predicted cycle, measured or from its gauged airspeed, and all that a prediction depends on."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from kiteocp.analysis.estimation.wind import WindEstimate, wind_from_airspeed
+from kiteocp.analysis.estimation.wind import WindEstimate, wind_from_airspeed, wind_from_heights
 from kiteocp.analysis.flights.cleaning import FloatArray
 from kiteocp.analysis.flights.data import FlightData
 from kiteocp.analysis.flights.kite import DIRECTION, SLOPE_STEP, WIND, EstimatedKite
@@ -27,8 +27,8 @@ class CycleWind:
     estimate
         Factor on the wind of the problem, and direction.
     covariance
-        Of factor and direction (deg) from this cycle's airspeed alone, shape (2, 2); zero where the wind is that of
-        other cycles.
+        Of factor and direction (deg) from this cycle's own measurement alone, shape (2, 2); zero where the wind is that
+        of other cycles.
     slope, direction_slope
         Change of factor and direction per change of those of the estimation cycles, which the sensor was gauged with.
     """
@@ -40,8 +40,14 @@ class CycleWind:
 
 
 def wind_of_cycle(flight: FlightData, kite: EstimatedKite, cycle: int) -> CycleWind:
-    """Estimate the wind of a cycle from its airspeed, gauged on the estimation cycles; theirs where it has none."""
+    """Estimate the wind of a cycle: measured at height, or from its airspeed, gauged on the estimation cycles.
+
+    It is that of the estimation cycles where the cycle has neither.
+    """
     chosen = flight.select([cycle])
+    if chosen.wind_at_height is not None:
+        measured = wind_from_heights(chosen, kite.base)
+        return CycleWind(measured, np.diag([(measured.scale_standard_error or 0.0) ** 2, 0.0]), 0.0, 0.0)
     usable = np.isfinite(chosen.apparent_wind_speed_m_s) & np.isfinite(chosen.polar_speed_m_s)
     if kite.airspeed_factor is None or np.count_nonzero(usable) < FEWEST_AIRSPEEDS:
         return CycleWind(kite.wind, np.zeros((2, 2)), 1.0, 1.0)

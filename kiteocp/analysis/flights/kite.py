@@ -10,7 +10,7 @@ import numpy as np
 
 from kiteocp.analysis.estimation.fit import CoefficientFit, fit_coefficients
 from kiteocp.analysis.estimation.inversion import invert
-from kiteocp.analysis.estimation.wind import WindEstimate, wind_from_airspeed, wind_of_problem
+from kiteocp.analysis.estimation.wind import WindEstimate, wind_from_airspeed, wind_from_heights, wind_of_problem
 from kiteocp.analysis.flights.cleaning import FloatArray
 from kiteocp.analysis.flights.data import FlightData
 from kiteocp.analysis.flights.power_setting import FULLY_POWERED
@@ -92,9 +92,9 @@ class EstimatedKite:
 def estimate_kite(flight: FlightData, problem: Problem, cycles: Collection[int]) -> EstimatedKite:
     """Estimate coefficients and wind on some cycles of a flight.
 
-    The wind comes from the airspeed, whose sensor is gauged along with it: it does not know the forces, so that they
-    can be held against it. Without an airspeed wind and coefficients come from one fit of the equilibrium. The
-    coefficients depend on the wind; their covariance counts its errors too.
+    The wind is that measured at height, where it was; else it comes from the airspeed, whose sensor is gauged along
+    with it. Neither knows the forces, so that they can be held against it. Without both, wind and coefficients come
+    from one fit of the equilibrium. The coefficients depend on the wind; their covariance counts its errors too.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def estimate_kite(flight: FlightData, problem: Problem, cycles: Collection[int])
     chosen = _fitting(flight.select(cycles))
     warnings = []
     by_forces = fit_coefficients(chosen, problem, invert(chosen, problem), fit_wind=True)
-    wind = _airspeed_wind(flight.select(cycles), problem)
+    wind = _independent_wind(flight.select(cycles), problem)
     if wind is not None:
         fit = _fit(chosen, problem, wind)
         names, covariance = _given_wind_covariance(chosen, problem, wind, fit)
@@ -190,9 +190,11 @@ def _fitted_wind(fit: CoefficientFit, problem: Problem) -> WindEstimate:
     )
 
 
-def _airspeed_wind(flight: FlightData, problem: Problem) -> WindEstimate | None:
-    """Return the wind by the airspeed, its sensor gauged along with it; None without one."""
+def _independent_wind(flight: FlightData, problem: Problem) -> WindEstimate | None:
+    """Return the wind measured at height, or by the airspeed, its sensor gauged along with it; None without both."""
     try:
+        if flight.wind_at_height is not None:
+            return wind_from_heights(flight, problem)
         return wind_from_airspeed(flight, problem)
     except InputError:
         return None

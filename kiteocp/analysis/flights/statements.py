@@ -69,7 +69,12 @@ def _shown(study: FlightStudy) -> Iterator[str]:
     wind = kite.wind
     error = "" if wind.scale_standard_error is None else f" +- {100 * wind.scale_standard_error / wind.scale:.1f} %"
     where = f"On cycle{'s' if len(kite.cycles) > 1 else ''} {named}"
-    way = {"airspeed": "by the airspeed", "fit": "by the equilibrium of forces"}.get(wind.source, "by the problem")
+    ways = {
+        "measured": "as measured at height",
+        "airspeed": "by the airspeed",
+        "fit": "by the equilibrium of forces",
+    }
+    way = ways.get(wind.source, "by the problem")
     yield (
         f"{where} the wind {way} is {wind.reference_speed_m_s:.1f} m/s{error} at {wind.reference_height_m:g} m, turned "
         f"by {wind.direction_offset_deg:+.0f} deg from the azimuth zero of the recording."
@@ -84,10 +89,9 @@ def _shown(study: FlightStudy) -> Iterator[str]:
         less = 100 * (1 - 1 / kite.airspeed_factor)
         verb = "less" if less > 0 else "more"
         reads = f"{abs(less):.1f} % {verb} than" if abs(less) >= 0.1 else "the same as"
-        yield (
-            f"The airspeed sensor reads {reads} what wind and velocity of the kite make, which it was gauged by; so "
-            "gauged it tells the wind of the other cycles."
-        )
+        gauged = ", which it was gauged by; so gauged it tells the wind of the other cycles"
+        use = "" if wind.source == "measured" else gauged
+        yield f"The airspeed sensor reads {reads} what wind and velocity of the kite make{use}."
     for setting, (lift, drag) in {s: kite.fit.coefficients(s) for s in kite.fit.samples}.items():
         errors = [
             kite.fit.fit.parameter(f"{setting}.{name}_coefficient")["standard_error"] for name in ("lift", "drag")
@@ -98,7 +102,8 @@ def _shown(study: FlightStudy) -> Iterator[str]:
         )
     speeds = [f"{cycle.wind.estimate.reference_speed_m_s:.1f}" for cycle in study.cycles]
     numbers = ", ".join(str(cycle.measured.number) for cycle in study.cycles)
-    yield f"The predicted cycles ({numbers}) had {' and '.join(speeds)} m/s by the airspeed."
+    source = study.cycles[0].wind.estimate.source
+    yield f"The predicted cycles ({numbers}) had {' and '.join(speeds)} m/s {ways.get(source, way)}."
     for note in flight.notes:
         yield f"{note[0].upper()}{note[1:]}."
     if flight.counts:
