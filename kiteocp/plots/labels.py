@@ -14,7 +14,7 @@ _ROOM_PT = 2.0
 
 def extent(text: Any) -> Bbox:
     """Return the box of a text or annotation on the page, in pixels, with a little room around it."""
-    figure = text.get_figure(root=True)
+    figure = text.figure
     return Bbox(text.get_window_extent()).padded(_ROOM_PT * figure.dpi / 72.0)
 
 

@@ -7,12 +7,14 @@ import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import yaml
 
 from kiteocp import load_problem, solve
 from kiteocp.cli.main import main
 from kiteocp.ocp.certificate import starts_check
+from kiteocp.ocp.cycle_checks import LimitMargin, limits_check
 from kiteocp.ocp.nlpsolver import Solution, Solver
 from kiteocp.problem import Problem, problem_from_dict
 
@@ -53,8 +55,13 @@ def test_a_solution_that_cannot_be_flown_between_the_points_is_said_in_words_tha
     certificate = json.dumps(a_step.details["certificate"]) + a_step.details["message"]
     assert not re.search(r"\bnan\b", certificate)
     assert "prescribed cycle" not in certificate
-    assert "there is no steady flight between some mesh points" in certificate
     assert "the optimal schedule cannot be flown" in certificate
+
+
+def test_limits_of_what_has_no_state_are_said_to_be_without_comparison() -> None:
+    check = limits_check([LimitMargin("limits.height_min_m", "transition", -np.inf)])
+    assert not check.passed
+    assert check.text.startswith("in the transition there is no steady flight between some mesh points")
 
 
 def test_meshes_are_not_tried_for_ever_for_a_schedule_that_none_can_fly(monkeypatch: pytest.MonkeyPatch) -> None:
