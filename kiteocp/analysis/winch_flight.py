@@ -20,7 +20,7 @@ from kiteocp.analysis.winch_law import WinchLaw, is_monotone, progress_of
 from kiteocp.cycle.integrator import IntegrationError, Integrator
 from kiteocp.cycle.laws import STATE
 from kiteocp.cycle.phases import KINDS, PHASES, PhaseName
-from kiteocp.cycle.simulation import LONGEST_PHASE_S, SCALES
+from kiteocp.cycle.simulation import LONGEST_PHASE, SCALES
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.errors import CycleError
 from kiteocp.ocp.optimum import OptimalCycle
@@ -158,7 +158,7 @@ def _fly(
     tables = [own if law.kind == "force" else none, own if law.kind == "length" else none]
     tables += [held.tables[quantity] for quantity in quantities]
     arguments = np.concatenate([values.vector, *(_table(*table) for table in tables)])
-    states = _integrated(name, functions.integrators, switching, start, arguments)
+    states = _integrated(name, functions.integrators, switching, start, arguments, values[LONGEST_PHASE])
     rates = np.asarray(functions.rates.map(len(states))(states.T, arguments)).T
     time = np.linspace(0.0, states[-1, 0], SAMPLES)
     samples = CubicHermiteSpline(states[:, 0], states, rates)(time)
@@ -175,6 +175,7 @@ def _integrated(
     switching: Switching,
     start: np.ndarray,
     arguments: np.ndarray,
+    longest_s: float,
 ) -> np.ndarray:
     """Integrate to the end of a phase; the retraction ends at its length or at its highest elevation."""
     ends = {
@@ -185,14 +186,14 @@ def _integrated(
     target, end = ends[name]
     top = float(np.radians(switching.elevation_max_deg))
     try:
-        states = integrators[target].run(start, arguments, end, LONGEST_PHASE_S)
+        states = integrators[target].run(start, arguments, end, longest_s)
         if name != "retraction" or states[:, 2].max() <= top + 1e-9:
             return states
     except IntegrationError as error:
         if name != "retraction":
             raise _stuck(name, error) from None
     try:
-        return integrators["elevation"].run(start, arguments, top, LONGEST_PHASE_S)
+        return integrators["elevation"].run(start, arguments, top, longest_s)
     except IntegrationError as error:
         raise _stuck(name, error) from None
 
@@ -200,7 +201,7 @@ def _integrated(
 def _stuck(name: PhaseName, error: IntegrationError) -> CycleError:
     """Say where a phase cannot go on under its law."""
     time, length, elevation = float(error.state[0]), float(error.state[1]), float(np.degrees(error.state[2]))
-    why = "it goes on for ever" if error.reason == "too_long" else "kite and law agree on no steady state"
+    why = "it does not end" if error.reason == "too_long" else "kite and law agree on no steady state"
     return CycleError(
         name,
         f"after {time:.3g} s at {length:.4g} m of tether and {elevation:.3g} deg elevation: {why}",

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from kiteocp.cycle.cycle_function import COARSE, FINE, OUTPUT_NAMES, QUANTITIES, Mesh, cycle_function
 from kiteocp.cycle.phases import PHASES
-from kiteocp.cycle.simulation import fly
+from kiteocp.cycle.simulation import LONGEST_PHASE, fly
 from kiteocp.cycle.vectorised import VectorisedFunction
 from kiteocp.errors import CycleError, InputError, shortened
 from kiteocp.execution import one_at_a_time
@@ -114,7 +114,10 @@ def simulate_batch(
     for name, mesh in zip(ROUTES[:-1], (COARSE, FINE), strict=True):
         if left.size:
             found = _vectorised(values.structure, mesh)(table[:, left])
-            done = _trustworthy(found)
+            # One that takes longer than it may is refused, in words, by the adaptive integrator.
+            longest = table[values.structure.keys.index(LONGEST_PHASE), left]
+            durations = found[[OUTPUT_NAMES.index(f"{phase}_duration_s") for phase in PHASES]]
+            done = _trustworthy(found) & np.all(durations <= longest, axis=0)
             results[:, left[done]], route[left[done]] = found[:, done], name
             left = left[~done]
     reason, failed_phase = np.full(count, "", dtype=object), np.full(count, "", dtype=object)

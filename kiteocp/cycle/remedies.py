@@ -13,7 +13,7 @@ import numpy as np
 from kiteocp.cycle.integrator import IntegrationError, Integrator
 from kiteocp.cycle.laws import PHASE_ENDS, cycle_start, next_start, phase_functions
 from kiteocp.cycle.phases import PHASES, PhaseName
-from kiteocp.cycle.simulation import LONGEST_PHASE_S, SCALES, fly
+from kiteocp.cycle.simulation import LONGEST_PHASE, SCALES, fly
 from kiteocp.errors import CycleError
 from kiteocp.execution import one_at_a_time
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values
@@ -174,7 +174,7 @@ def _flies(values: ParameterValues) -> bool:
         for name in PHASES:
             integrator = _rough_integrators(values.structure)[name]
             end = PHASE_ENDS[name].value(values)
-            start = next_start(integrator.run(start, values.vector, end, LONGEST_PHASE_S))
+            start = next_start(integrator.run(start, values.vector, end, values[LONGEST_PHASE]))
     except IntegrationError:
         return False
     return True

@@ -20,7 +20,7 @@ import numpy as np
 from kiteocp.cycle.integrator import IntegrationError, Integrator
 from kiteocp.cycle.laws import STATE
 from kiteocp.cycle.phases import KINDS, FlownPhase, PhaseName
-from kiteocp.cycle.simulation import LONGEST_PHASE_S, SCALES, cycle_error
+from kiteocp.cycle.simulation import SCALES, cycle_error
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.physics import kinematics
 from kiteocp.physics.equilibrium import OUTPUTS, explicit_state, outputs_of
@@ -187,7 +187,8 @@ def fly_schedule(
     for index in range(schedule.borders_s.size - 1):
         arguments = np.concatenate([values.vector, schedule.piece(index)])
         try:
-            flown = integrator.run(state, arguments, float(schedule.borders_s[index + 1]), LONGEST_PHASE_S)
+            end = float(schedule.borders_s[index + 1])
+            flown = integrator.run(state, arguments, end, end)
         except IntegrationError as error:
             raise cycle_error(values, schedule.name, error.state, error.reason) from None
         states.append(flown[1:])

@@ -30,13 +30,13 @@ from kiteocp.result import Result
 #: Sizes of the components of the state for the integration error: 10 s, 100 m, 1 rad, 10 kJ.
 SCALES = np.array([10.0, 100.0, 1.0, 1e4])
 
-#: A phase that takes longer than this never ends in practice.
-LONGEST_PHASE_S = 3600.0
+#: The longest that a phase may take; one that takes longer does not end in practice.
+LONGEST_PHASE = "limits.phase_duration_max_s"
 #: Smallest nondimensional time step of the finite differences: some million steps a cycle, a minute or so. Rounding
 #: outweighs what smaller ones gain.
 TIME_STEP_MIN = 1e-6
 
-#: A kite that reels slower than this at the end of its way has come to rest: it approaches a tether length for ever.
+#: A kite that reels slower than this has come to rest: it comes nearer to a tether length and never gets there.
 STANDSTILL_M_S = 1e-6
 
 #: Samples of a time series: one each half second, but so many in every phase.
@@ -141,10 +141,10 @@ def fly(
         try:
             if time_step is None:
                 integrator = _integrators(values.structure, equilibrium)[name]
-                states = integrator.run(start, values.vector, end, LONGEST_PHASE_S)
+                states = integrator.run(start, values.vector, end, values[LONGEST_PHASE])
             else:
                 step = time_step * characteristic_time(values)
-                states = finite_difference_phase(values, name, start, end, step, LONGEST_PHASE_S)
+                states = finite_difference_phase(values, name, start, end, step, values[LONGEST_PHASE])
         except IntegrationError as error:
             raise cycle_error(values, name, error.state, error.reason) from None
         flown.append(FlownPhase(name, states))
@@ -230,7 +230,11 @@ def cycle_error(values: ParameterValues, name: PhaseName, state: np.ndarray, rea
             name, f"{at}: the kite cannot hold {force:.4g} N while reeling out", facts, reason="force_too_high"
         )
     if reason == "too_long":
-        return CycleError(name, f"{at}: it goes on for ever, reeling at {speed:.3g} m/s", facts, reason="endless")
+        if abs(speed) < STANDSTILL_M_S:
+            why = f"it does not end, reeling at {speed:.1g} m/s"
+        else:
+            why = f"it takes longer than {LONGEST_PHASE} ({values[LONGEST_PHASE]:g} s), reeling at {speed:.3g} m/s"
+        return CycleError(name, f"{at}: {why}", facts, reason="endless")
     return CycleError(name, f"{at}: the next state has no equilibrium", facts, reason="domain")
 
 

@@ -24,7 +24,7 @@ IMPOSSIBLE: list[tuple[str, str, str, dict[str, Any]]] = [
     ),
     ("traction", "force_too_high", "cannot hold 2e+04 N", {"operation.traction.tether_force_N": 20000.0}),
     (
-        "traction", "endless", "goes on for ever",
+        "traction", "endless", "does not end",
         {"operation.traction.tether_force_N": 10000.0, "environment.wind": UNIFORM},
     ),
     (

@@ -10,10 +10,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from kiteocp import simulate, simulate_batch
 from kiteocp.analysis.local_study import LocalStudy
 from kiteocp.analysis.sensitivity import sensitivities
 from kiteocp.cycle.summary import PhaseRecord
-from kiteocp.errors import InfeasibleError
+from kiteocp.errors import CycleError, InfeasibleError
 from kiteocp.ocp import solve
 from kiteocp.ocp.formulation import Formulation, cycle_program
 from kiteocp.ocp.limits import limits_of
@@ -221,3 +222,18 @@ def test_margins_shares_and_reached_values_agree(speeds: list[float], force: flo
         exceeds = reached < number if limit.key.rpartition("_max")[1] == "" else reached > number
         assert (margin < 0) == exceeds or margin == pytest.approx(0.0, abs=1e-12)
         assert limit.share(record, values, 0.0) is None or margin <= 0.0
+
+
+def test_a_traction_of_more_than_an_hour_is_certified_where_it_may_last_so_long() -> None:
+    """The re-simulation gave up after 3600 s, whatever the limits said."""
+    result = solve(load_problem("v3-kite", {**SLOW, "limits.phase_duration_max_s": 4000.0}))
+    assert result.status == "certified"
+    assert result.phases["traction"]["duration_s"] > 3600.0
+
+
+def test_a_prescribed_phase_may_take_as_long_as_the_limits_say() -> None:
+    slow = load_problem("v3-kite", {"limits.phase_duration_max_s": 40.0})
+    with pytest.raises(CycleError, match=r"takes longer than limits\.phase_duration_max_s \(40 s\)"):
+        simulate(slow)
+    batch = simulate_batch(slow, {})
+    assert (batch.reason[0], batch.failed_phase[0]) == ("endless", "traction")

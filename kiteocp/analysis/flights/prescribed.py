@@ -17,7 +17,7 @@ from kiteocp.analysis.flights.measured import MeasuredCycle, MeasuredPhase
 from kiteocp.cycle.integrator import IntegrationError, Integrator
 from kiteocp.cycle.laws import STATE, phase_functions
 from kiteocp.cycle.phases import RETRACTION, TRACTION, TRANSITION, PhaseKind
-from kiteocp.cycle.simulation import LONGEST_PHASE_S, SCALES
+from kiteocp.cycle.simulation import LONGEST_PHASE, SCALES
 from kiteocp.errors import CycleError
 from kiteocp.physics import kinematics
 from kiteocp.physics.equilibrium import OUTPUTS, explicit_state, outputs_of
@@ -119,10 +119,10 @@ def fly_law(phase: MeasuredPhase, cycle: MeasuredCycle, values: ParameterValues)
         raise CycleError(phase.name, "before it begins: it was flown the other way round", reason="domain")
     integrator = _integrator(values.structure, phase.name)
     try:
-        states = integrator.run(start, values.vector, end, LONGEST_PHASE_S)
+        states = integrator.run(start, values.vector, end, values[LONGEST_PHASE])
     except IntegrationError as error:
         at = f"after {error.state[0]:.3g} s at {error.state[1]:.4g} m and {np.degrees(error.state[2]):.3g} deg"
-        why = "it goes on for ever" if error.reason == "too_long" else "the next state has no equilibrium"
+        why = "it does not end" if error.reason == "too_long" else "the next state has no equilibrium"
         raise CycleError(phase.name, f"{at}: {why}", reason=error.reason) from None
     states = integrator.refined(states, values.vector, PARTS)
     outputs = np.asarray(_outputs(values.structure, phase.name).map(len(states))(states.T, values.vector))
