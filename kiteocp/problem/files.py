@@ -49,6 +49,8 @@ def read_source(path: Path, label: str, limit: int) -> bytes:
     InputError
         If it is missing, cannot be read, is a device, or is a pipe to which nobody writes.
     """
+    if "\0" in os.fspath(path):
+        raise InputError("cannot be read (its name holds a NUL character); check the path", file=label)
     try:
         if stat.S_ISFIFO(path.stat().st_mode):
             return _read_pipe(path, label, limit)

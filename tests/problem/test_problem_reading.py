@@ -94,7 +94,7 @@ def test_missing_file_and_directory_are_told_apart(tmp_path: Path) -> None:
         load_problem(tmp_path / "nothing.yaml")
     with pytest.raises(InputError, match="is a directory"):
         load_problem(tmp_path)
-    with pytest.raises(InputError, match="embedded null byte"):
+    with pytest.raises(InputError, match="its name holds a NUL character"):
         load_problem("a\0b.yaml")
 
 
