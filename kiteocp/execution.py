@@ -52,6 +52,7 @@ class _Handler:
     def __init__(self, then: Callable[[int, FrameType | None], Any]) -> None:
         self.then = then
         self.pending: int | None = None
+        self.delivered = False
         self._told_at = -SAME_S
         self._again = False
 
@@ -71,6 +72,7 @@ class _Handler:
     def deliver(self, number: int, frame: FrameType | None = None) -> None:
         """Do what the handler before would have done."""
         self.pending = None
+        self.delivered = True
         self._told_at = time.monotonic()
         self.then(number, frame)
 
@@ -111,6 +113,11 @@ def _is_safe(frame: FrameType | None) -> bool:
 def interrupted() -> bool:
     """Whether a signal waits for the running code to come to a safe place."""
     return any(handler.pending is not None for handler in _handlers)
+
+
+def was_interrupted() -> bool:
+    """Whether an interruption was raised: an error that follows is of a library that lost the exception."""
+    return any(handler.delivered for handler in _handlers)
 
 
 def leave_if_interrupted() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
 import os
@@ -13,6 +14,9 @@ from pathlib import Path
 
 import pytest
 from made_flight import kitepower_rows, made_flight, write_csv
+
+from kiteocp.cli import list_problems
+from kiteocp.cli.main import main
 
 VERBS = {
     "solve": ["solve", "v3-kite"],
@@ -137,3 +141,19 @@ def test_finished_points_are_saved(name: str, table: str, tmp_path: Path) -> Non
     assert rows
     assert {row["status"] for row in rows} <= {"certified", "solved"}
     assert json.loads((directory / "summary.json").read_text())["status"] == "interrupted"
+
+
+def test_an_error_that_an_interruption_leaves_behind_is_the_interruption(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A library that calls Python from C may lose the exception, and fails later for want of what was not done."""
+
+    def run(_arguments: object) -> int:
+        with contextlib.suppress(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(1.0)
+        raise ValueError("Invalid bounding box")
+
+    monkeypatch.setattr(list_problems, "run", run)
+    assert main(["list"]) == 130
+    assert capsys.readouterr().err == "kiteocp: interrupted\n"

@@ -25,7 +25,7 @@ from kiteocp.cli import (
 from kiteocp.cli.output import complain, prepare_streams, say
 from kiteocp.cli.parser import Parser, nearest
 from kiteocp.errors import InputError, KiteocpError
-from kiteocp.execution import Terminated, interruptible
+from kiteocp.execution import Terminated, interruptible, was_interrupted
 
 #: The verbs, in the order of the help: one module each.
 VERBS: dict[str, ModuleType] = {
@@ -73,7 +73,12 @@ def _status_of(words: list[str]) -> int:
     debug = "--debug" in words
     try:
         with interruptible(termination=True):
-            return _run([word for word in words if word != "--debug"])
+            try:
+                return _run([word for word in words if word != "--debug"])
+            except Exception as error:
+                if was_interrupted():
+                    raise KeyboardInterrupt from error
+                raise
     except KiteocpError as error:
         complain(str(error))
         return error.exit_status
