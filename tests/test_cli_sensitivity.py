@@ -73,6 +73,21 @@ def test_vary_draws_the_curve_beside_its_tangent(capsys: pytest.CaptureFixture[s
     assert float(table[0]["traction:limits.tether_force_max_N"]) > 0.9
 
 
+def test_a_table_has_the_same_columns_whatever_the_limits_met(capsys: pytest.CaptureFixture[str]) -> None:
+    headers = []
+    for values in ("kite.mass_kg=14,15", "environment.wind.reference_speed_m_s=7,12.5"):
+        assert main(["sensitivity", "strong-wind", "--no-intervals", "--no-plot", "--vary", values, "-o", "out"]) == 0
+        with open("out/variation.csv", newline="") as stream:
+            headers.append(next(csv.reader(stream))[1:])
+        points = json.loads(Path("out/summary.json").read_text())["variation"]["points"]
+        assert [point["value"] for point in points] == [float(value) for value in values.split("=")[1].split(",")]
+    first, second = headers
+    assert first == second
+    assert "retraction:limits.stroke_min_m" in first
+    # Where a force is kept is a word, which cannot be active.
+    assert not [name for name in first if name.endswith("_at")]
+
+
 def test_values_without_a_cycle_are_points_too() -> None:
     words = ["sensitivity", "strong-wind", "--no-intervals", "--no-plot", "-o", "out"]
     assert main([*words, "--vary", "environment.wind.reference_speed_m_s=3:9.9:2"]) == 0
@@ -88,6 +103,9 @@ def test_values_without_a_cycle_are_points_too() -> None:
         (["--vary", "kite.mass_kg"], "expected key=from:to:count"),
         (["--vary", "kite.mass_kg=10:20"], "expected key=from:to:count"),
         (["--vary", "kite.mass_kg=10:10:5"], "expected key=from:to:count"),
+        (["--vary", "kite.mass_kg=10,x"], "expected key=from:to:count or key=value,value"),
+        (["--vary", "kite.mass_kg=10,10"], "2 to 1000 different values"),
+        (["--global", "--samples", "9" * 20], "is not a whole number above 0, 10000000 at most"),
         (["--vary", "kite.mas_kg=10:20:5"], "kite.mas_kg is not a known key; did you mean"),
         (["--vary", "kite.mass_kg=-1:20:5"], "kite.mass_kg is -1 kg; it must be greater than 0"),
         (["--vary", "optimisation.tolerance=1e-9:1e-8:2"], "is not a number that the optimum depends on"),

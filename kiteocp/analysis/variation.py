@@ -72,8 +72,9 @@ class Variation:
 
     @property
     def limits(self) -> list[str]:
-        """Return the keys of all limits of a problem file, and of any other that is active at some point."""
-        declared = [known.path for known in catalogue().walk() if known.path.startswith("limits.")]
+        """Return the keys of all limits that are numbers, and of any other that is active at some point."""
+        keys = catalogue().walk()
+        declared = [key.path for key in keys if key.path.startswith("limits.") and key.kind == "number"]
         met = [
             entry["limit"]
             for point in self.points
