@@ -18,7 +18,6 @@ from kiteocp.errors import InputError, SolveError
 from kiteocp.ocp import certificate as certify
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.formulation import Formulation
-from kiteocp.ocp.limits import SCALES
 from kiteocp.ocp.nlpsolver import Solution, Solver
 from kiteocp.ocp.optimum import OptimalCycle
 from kiteocp.ocp.search import best_of, cycle_solver, search, solver_options
@@ -166,7 +165,10 @@ class Resolver:
 
     @property
     def _nominal_power_W(self) -> float:
-        return abs(self.nominal.f * SCALES["power"])
+        return abs(self._power_W(self.nominal))
+
+    def _power_W(self, solution: Solution) -> float:
+        return float(self.solver.program.in_units(solution.f))
 
     def _accepted(self, solution: Solution) -> bool:
         return solution.success and bool(certify.kkt_check(self.solver.program, solution).passed)
@@ -176,7 +178,7 @@ class Resolver:
             solution = self.solver.solve(self.nominal.x, values.vector, warm=self.nominal)
         except ValueError:
             return None  # bounds cross: the search explains it
-        return -solution.f * SCALES["power"] if self._accepted(solution) else None
+        return self._power_W(solution) if self._accepted(solution) else None
 
     def _cold(self, values: ParameterValues) -> float | Literal["infeasible", "failed"]:
         try:
@@ -185,7 +187,7 @@ class Resolver:
             return "infeasible" if error.explanation else "failed"
         except ValueError:
             return "infeasible"
-        return -solution.f * SCALES["power"] if self._accepted(solution) else "failed"
+        return self._power_W(solution) if self._accepted(solution) else "failed"
 
 
 _OWN: dict[str, Any] = {}

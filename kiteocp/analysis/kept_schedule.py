@@ -17,8 +17,9 @@ from typing import Literal
 
 import numpy as np
 
-from kiteocp.cycle.phases import PHASE_CHANGES, FlownPhase, PhaseName
-from kiteocp.cycle.schedule import Schedule, fly_schedule, record_on_schedule
+from kiteocp.cycle.objective import mean_power
+from kiteocp.cycle.phases import FlownPhase, PhaseName
+from kiteocp.cycle.schedule import Schedule, fly_schedule, record_of_flight
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.errors import CycleError
 from kiteocp.ocp.certificate import ELEVATION_TOLERANCE_DEG, MARGIN_TOLERANCE
@@ -84,10 +85,9 @@ def fly_kept(nominal: OptimalCycle, values: ParameterValues, objective: str) -> 
         return KeptCycle("not_flown")
     except _NotClosedError:
         return KeptCycle("not_closed")
-    records = [_record(values, *pair) for pair in zip(schedules, flown, strict=True)]
-    energy = sum(_energy(values, record, objective) for record in records)
-    duration = sum(phase.duration_s for phase in flown) + PHASE_CHANGES * values["limits.phase_change_time_s"]
-    return KeptCycle("flown", energy / duration, _exceeded(nominal, values, records))
+    records = [record_of_flight(values, *pair) for pair in zip(schedules, flown, strict=True)]
+    power = mean_power(records, values, objective)
+    return KeptCycle("flown", power, _exceeded(nominal, values, records))
 
 
 def _closed_cycle(nominal: OptimalCycle, values: ParameterValues) -> tuple[list[Schedule], list[FlownPhase]]:
@@ -171,25 +171,6 @@ def _stretched(schedule: Schedule, stretch: float) -> Schedule:
         # The same change of elevation over the phase.
         coefficients["elevation_rate"] = coefficients["elevation_rate"] / stretch
     return replace(schedule, borders_s=schedule.borders_s * stretch, coefficients=coefficients)
-
-
-def _record(values: ParameterValues, schedule: Schedule, phase: FlownPhase) -> PhaseRecord:
-    time, length, elevation, _ = phase.states.T
-    return record_on_schedule(values, schedule, time, (length, elevation), phase.energy_J)
-
-
-def _energy(values: ParameterValues, record: PhaseRecord, objective: str) -> float:
-    """Energy of the objective; what goes through the motor and what through the generator is told by the power."""
-    if objective == "mechanical":
-        return record.energy_J
-    power = record.output("power")
-    taken = float(np.trapezoid(np.minimum(power, 0.0), record.time_s))
-    given = float(np.trapezoid(np.maximum(power, 0.0), record.time_s))
-    # The integrator knows the sum exactly; the coarse samples only split it.
-    error = record.energy_J - taken - given
-    share = given / (given - taken) if given > taken else 0.0
-    generated, motored = given + share * error, taken + (1.0 - share) * error
-    return generated * values["machine.generator_efficiency"] + motored / values["machine.motor_efficiency"]
 
 
 def _exceeded(nominal: OptimalCycle, values: ParameterValues, records: list[PhaseRecord]) -> tuple[str, ...]:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
+from typing import Any
 
 import numpy as np
 
@@ -14,7 +15,6 @@ from kiteocp.errors import InputError, SolveError
 from kiteocp.ocp.active_set import ActiveSetMethod
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.following import Reach, follow, one_sided
-from kiteocp.ocp.limits import SCALES
 from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.sharp import ActiveSetError, Derivatives, SharpSolution
 from kiteocp.ocp.solution import Optimum
@@ -75,21 +75,28 @@ class LocalStudy:
             raise SolveError(f"the optimum cannot be differentiated: {error}; change a number slightly") from None
         return cls(optimum, method, sharp, keys, directions, derivatives)
 
+    def _in_watts(self, objective: Any) -> Any:
+        return self.optimum.solver.program.in_units(objective)
+
     @property
     def mean_power_W(self) -> float:
         """Optimal mean power of the objective."""
-        return -self.sharp.f * SCALES["power"]
+        return float(self._in_watts(self.sharp.f))
 
     @property
     def gradient(self) -> FloatArray:
         """Derivative of the optimal mean power, W per unit of each key, shape (keys,)."""
         # Adding zero turns the -0.0 of what has no influence into 0.0.
-        return np.asarray(-SCALES["power"] * self.derivatives.objective + 0.0)
+        return np.asarray(self._in_watts(self.derivatives.objective) + 0.0)
 
     @cached_property
     def gradient_alone(self) -> FloatArray:
         """The same with the keys held that follow by default, shape (keys,)."""
         return np.asarray(np.linalg.solve(self.directions.T, self.gradient) + 0.0)
+
+    def curvature(self, column: int) -> float:
+        """Return the second derivative of the optimal mean power along one key, W per unit squared."""
+        return float(self._in_watts(self.derivatives.objective_second[column, column]) + 0.0)
 
     def followers(self, column: int) -> tuple[str, ...]:
         """Return the keys that follow a key by default and have an influence of their own."""
@@ -100,7 +107,7 @@ class LocalStudy:
     def sides(self) -> tuple[FloatArray, FloatArray]:
         """Derivative of the optimal mean power below and above each key; infinite where there is no cycle."""
         below, above = one_sided(self.method, self.sharp, self.derivatives, self.directions)
-        return -SCALES["power"] * below + 0.0, -SCALES["power"] * above + 0.0
+        return self._in_watts(below) + 0.0, self._in_watts(above) + 0.0
 
     def tangent(self, column: int) -> Derivatives:
         """Return the derivatives along one key."""
@@ -125,7 +132,7 @@ class LocalStudy:
             solution = self.optimum.solver.solve(self.optimum.solution.x, moved, warm=self.optimum.solution)
         except ValueError:
             return None  # the change crosses two bounds
-        return -solution.f * SCALES["power"] if solution.success else None
+        return float(self._in_watts(solution.f)) if solution.success else None
 
 
 def key_directions(problem: Problem) -> FloatArray:

@@ -18,7 +18,6 @@ from kiteocp.cycle.summary import cycle_summary, phase_summaries, validity_warni
 from kiteocp.execution import one_at_a_time
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.following import Reach
-from kiteocp.ocp.limits import SCALES
 from kiteocp.ocp.nlp import Label
 from kiteocp.ocp.optimum import active_limits
 from kiteocp.ocp.solution import optimise
@@ -115,7 +114,7 @@ def _row(study: LocalStudy, column: int, intervals: bool) -> dict[str, Any]:
         "elasticity": derivative * value / power if power else None,
         "derivative_below": slopes[0],
         "derivative_above": slopes[1],
-        "second_derivative": float(-SCALES["power"] * study.derivatives.objective_second[column, column] + 0.0),
+        "second_derivative": study.curvature(column),
         "valid_from": None,
         "valid_to": None,
         "ended_below_by": None,
@@ -193,8 +192,8 @@ def _schedule(study: LocalStudy, column: int) -> dict[str, dict[str, float]]:
 def _prices(study: LocalStudy) -> dict[str, FloatArray]:
     """Differentiate the optimal power through the bounds that press, by phase, shape (keys,); the rest by itself."""
     pressing = np.concatenate((study.sharp.lam_x, study.sharp.lam_g))
-    shares = SCALES["power"] * pressing[:, None] * study.derivatives.pressed
     program = study.optimum.solver.program
+    shares = -program.in_units(pressing[:, None] * study.derivatives.pressed)
     labels = (*program.variables, *program.rows)
     phases = [_phase_of(label) for label in labels]
     prices = {

@@ -16,7 +16,6 @@ from kiteocp.errors import InputError, SolveError
 from kiteocp.execution import one_at_a_time
 from kiteocp.ocp import certificate as certify
 from kiteocp.ocp.certificate import Certificate
-from kiteocp.ocp.limits import SCALES
 from kiteocp.ocp.optimum import OptimalCycle, active_limits
 from kiteocp.ocp.solution import Optimum, optimise
 from kiteocp.physics.parameters import parameter_values
@@ -242,7 +241,7 @@ def _point(value: float, found: Optimum | str, tangent: float | None) -> dict[st
     return {
         "value": value,
         "status": found.certificate.status,
-        "mean_power_W": float(-found.solution.f * SCALES["power"]),
+        "mean_power_W": found.mean_power_W,
         "tangent_W": tangent,
         "active_limits": active_limits(found.cycle),
     }

@@ -10,7 +10,8 @@ import numpy as np
 
 from kiteocp.analysis.winch_flight import HeldQuantities, Switching, fly_laws
 from kiteocp.analysis.winch_law import Kind, WinchLaw
-from kiteocp.cycle.phases import PHASE_CHANGES, PhaseName
+from kiteocp.cycle.objective import mean_power
+from kiteocp.cycle.phases import PhaseName
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.errors import CycleError
 from kiteocp.ocp.limits import Limit
@@ -98,8 +99,8 @@ def evaluate(
     optimum
         The optimal cycle in that wind, if there is one.
     """
-    values = parameter_values(problem)
-    reference = mean_power(optimum.records, problem, values) if optimum is not None else None
+    values, objective = parameter_values(problem), problem.optimisation.objective
+    reference = mean_power(optimum.records, values, objective) if optimum is not None else None
     try:
         held = {record.name: HeldQuantities.of(nominal, record.name) for record in nominal.records}
         records = tuple(fly_laws(values, laws, Switching.of(nominal), held))
@@ -109,22 +110,9 @@ def evaluate(
     force = f"tether_force_{values.structure.choice('limits.tether_force_max_at')}"
     highest = max(float(record.output(force).max()) for record in records)
     overshoot = max(0.0, 100.0 * (highest / values["limits.tether_force_max_N"] - 1.0))
-    power = mean_power(records, problem, values)
+    power = mean_power(records, values, objective)
     violations = tuple(violations_of(records, values, nominal.limits))
     return LawEvaluation(kind, wind_factor, power, reference, overshoot, violations, records)
-
-
-def mean_power(records: Sequence[PhaseRecord], problem: Problem, values: ParameterValues) -> float:
-    """Mean power of a cycle in the sense of the objective, mechanical or electrical, its phase changes included, W."""
-    duration = sum(record.duration_s for record in records) + PHASE_CHANGES * values["limits.phase_change_time_s"]
-    if problem.optimisation.objective == "mechanical":
-        return sum(record.energy_J for record in records) / duration
-    generator, motor = values["machine.generator_efficiency"], values["machine.motor_efficiency"]
-    energy = 0.0
-    for record in records:
-        power = record.output("power")
-        energy += float(np.trapezoid(np.where(power > 0, generator * power, power / motor), record.time_s))
-    return energy / duration
 
 
 def violations_of(

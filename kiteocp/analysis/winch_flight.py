@@ -21,7 +21,7 @@ from kiteocp.cycle.integrator import IntegrationError, Integrator
 from kiteocp.cycle.laws import STATE
 from kiteocp.cycle.phases import KINDS, PHASES, PhaseName
 from kiteocp.cycle.simulation import LONGEST_PHASE, SCALES
-from kiteocp.cycle.summary import PhaseRecord
+from kiteocp.cycle.summary import PhaseRecord, electrical_energy_J
 from kiteocp.errors import CycleError
 from kiteocp.ocp.optimum import OptimalCycle
 from kiteocp.physics import kinematics
@@ -166,7 +166,8 @@ def _fly(
     elevation = samples[:, 2]
     if "elevation" in held.tables:
         elevation = np.interp(samples[:, 1], *held.tables["elevation"])
-    return PhaseRecord(name, time, samples[:, 1], elevation, outputs, float(states[-1, 3]))
+    electrical = electrical_energy_J(values, states, rates[:, 3])
+    return PhaseRecord(name, time, samples[:, 1], elevation, outputs, float(states[-1, 3]), electrical)
 
 
 def _integrated(

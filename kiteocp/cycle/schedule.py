@@ -10,7 +10,7 @@ setting, at fully powered and depowered.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -21,7 +21,7 @@ from kiteocp.cycle.integrator import IntegrationError, Integrator
 from kiteocp.cycle.laws import STATE
 from kiteocp.cycle.phases import KINDS, FlownPhase, PhaseName
 from kiteocp.cycle.simulation import SCALES, cycle_error
-from kiteocp.cycle.summary import PhaseRecord
+from kiteocp.cycle.summary import PhaseRecord, electrical_energy_J
 from kiteocp.physics import kinematics
 from kiteocp.physics.equilibrium import OUTPUTS, explicit_state, outputs_of
 from kiteocp.physics.kinematics import Course
@@ -215,11 +215,29 @@ def record_on_schedule(
     schedule: Schedule,
     time_s: np.ndarray,
     places: tuple[np.ndarray, np.ndarray],
-    energy_J: float,
+    energies_J: tuple[float, float],
 ) -> PhaseRecord:
-    """Put samples of a scheduled phase into a record; ``places`` are tether length (m) and elevation (rad)."""
+    """Put samples of a scheduled phase into a record.
+
+    Parameters
+    ----------
+    values, schedule
+        The problem's numbers and what was held.
+    time_s, places
+        Samples of the time in the phase, tether length (m) and elevation (rad), shape (n,) each.
+    energies_J
+        Mechanical and electrical energy delivered over the phase.
+    """
     outputs = outputs_on_schedule(values, schedule, time_s, *places)
     steered = {name: schedule.value(name, time_s) for name in schedule.quantities if name != FORCE}
     for name in COMMANDED.keys() & steered.keys():
         steered[name] = np.clip(steered[name], *commanded_range(name, values))
-    return PhaseRecord(schedule.name, time_s, *places, outputs, energy_J, steered)
+    return PhaseRecord(schedule.name, time_s, *places, outputs, *energies_J, steered)
+
+
+def record_of_flight(values: ParameterValues, schedule: Schedule, flown: FlownPhase) -> PhaseRecord:
+    """Put a phase flown by a schedule into a record, sampled at the steps of the integrator."""
+    time, length, elevation, _ = flown.states.T
+    record = record_on_schedule(values, schedule, time, (length, elevation), (flown.energy_J, np.nan))
+    electrical = electrical_energy_J(values, flown.states, record.output("power"))
+    return replace(record, electrical_energy_J=electrical)

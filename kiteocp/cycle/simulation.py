@@ -16,6 +16,7 @@ from kiteocp.cycle.summary import (
     PhaseRecord,
     channels_of,
     cycle_summary,
+    electrical_energy_J,
     phase_summaries,
     validity_warnings,
 )
@@ -193,7 +194,8 @@ def record_of(values: ParameterValues, phase: FlownPhase, *, adaptive: bool = Tr
     rates = np.asarray(functions.rates.map(len(states))(states.T, values.vector)).T
     samples = _hermite(time, states, rates)
     outputs = np.asarray(functions.outputs.map(count)(samples.T, values.vector))
-    return PhaseRecord(phase.name, time, samples[:, 1], samples[:, 2], outputs, phase.energy_J)
+    electrical = electrical_energy_J(values, states, rates[:, 3])
+    return PhaseRecord(phase.name, time, samples[:, 1], samples[:, 2], outputs, phase.energy_J, electrical)
 
 
 def _hermite(time: np.ndarray, states: np.ndarray, rates: np.ndarray) -> np.ndarray:

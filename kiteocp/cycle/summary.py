@@ -15,6 +15,7 @@ from kiteocp.physics.aerodynamics import harvesting_factor
 from kiteocp.physics.equilibrium import OUTPUTS
 from kiteocp.physics.flight import OUTPUT_UNITS
 from kiteocp.physics.kinematics import Course, elevation_rate
+from kiteocp.physics.machine import electrical, energy_moved
 from kiteocp.physics.model import Model
 from kiteocp.physics.parameters import ParameterValues, Structure, parameters_of
 from kiteocp.physics.tether import relative_gravitational_force, tether_mass
@@ -30,6 +31,7 @@ CHANNELS = (
     "tether_force_kite",
     "tether_force_ground",
     "power",
+    "electrical_power",
     "tangential_speed",
     "reeling_factor",
     "inflow_angle",
@@ -54,8 +56,8 @@ class PhaseRecord:
         Samples over the phase, shape (n,), time from the start of the phase.
     outputs
         Quantities of `OUTPUTS` at the samples, shape (len(OUTPUTS), n).
-    energy_J
-        Mechanical energy delivered over the phase.
+    energy_J, electrical_energy_J
+        Energy delivered over the phase, at the drum and behind generator and motor.
     steered
         What steers the kite where the phase does not prescribe it: ``power_setting``, ``course`` (rad) and
         ``elevation_rate`` (rad/s) at the samples, shape (n,).
@@ -67,6 +69,7 @@ class PhaseRecord:
     elevation_rad: np.ndarray
     outputs: np.ndarray
     energy_J: float
+    electrical_energy_J: float
     steered: Mapping[str, np.ndarray] = field(default_factory=dict)
 
     def output(self, name: str) -> np.ndarray:
@@ -110,13 +113,32 @@ class PhaseRecord:
         return float(self.time_s[-1])
 
 
+def electrical_energy_J(values: ParameterValues, states: np.ndarray, power_W: np.ndarray) -> float:
+    """Return the electrical energy of a flown phase from its mechanical one.
+
+    Parameters
+    ----------
+    values
+        The efficiencies.
+    states
+        Time, tether length, elevation and mechanical energy at the steps of an integrator, shape (n, 4).
+    power_W
+        Mechanical power there, shape (n,).
+    """
+    moved = energy_moved(states[:, 0], power_W, states[:, 3])
+    efficiencies = values["machine.generator_efficiency"], values["machine.motor_efficiency"]
+    return float(electrical(float(states[-1, 3]), moved, *efficiencies))
+
+
 def phase_summaries(records: Sequence[PhaseRecord], values: ParameterValues) -> dict[str, dict[str, float]]:
     """Return duration, power, energy, end points and mean power setting and course of each phase."""
     return {
         record.name: {
             "duration_s": record.duration_s,
             "mean_power_W": record.energy_J / record.duration_s,
+            "mean_electrical_power_W": record.electrical_energy_J / record.duration_s,
             "energy_J": record.energy_J,
+            "electrical_energy_J": record.electrical_energy_J,
             "tether_length_start_m": float(record.tether_length_m[0]),
             "tether_length_end_m": float(record.tether_length_m[-1]),
             "elevation_start_deg": float(np.degrees(record.elevation_rad[0])),
@@ -140,16 +162,18 @@ def cycle_summary(
     traction_altitude_m: float,
     phase_change_time_s: float = 0.0,
 ) -> dict[str, float]:
-    """Return duration, mean power (eq:pc_P_general), harvesting factor (eq:meanharvestfact) and mean altitude."""
+    """Return duration, mean powers (eq:pc_P_general), harvesting factor (eq:meanharvestfact) and mean altitude."""
     pauses = PHASE_CHANGES * phase_change_time_s
     duration = sum(phase["duration_s"] for phase in phases.values()) + pauses
-    energy = sum(phase["energy_J"] for phase in phases.values())
+    energy, electrical = (sum(phase[key] for phase in phases.values()) for key in ("energy_J", "electrical_energy_J"))
     wind, density = (float(v) for v in air_function(values.structure)(traction_altitude_m, values.vector))
     power = energy / duration
     return {
         "duration_s": duration,
         "mean_power_W": power,
+        "mean_electrical_power_W": electrical / duration,
         "energy_J": energy,
+        "electrical_energy_J": electrical,
         "mean_harvesting_factor": float(harvesting_factor(power, density, wind, values["kite.projected_area_m2"])),
         "mean_traction_altitude_m": traction_altitude_m,
         "wind_speed_at_mean_traction_altitude_m_s": wind,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import casadi as ca
 import numpy as np
 
 from kiteocp.cycle.phases import TRACTION, PhaseKind
@@ -26,10 +25,6 @@ from kiteocp.physics.model import Model, Position
 
 if TYPE_CHECKING:
     from kiteocp.ocp.formulation import Formulation
-
-#: Rounding of the electrical power at zero, where generator and motor meet, W.
-POWER_ROUNDING_W = 10.0
-
 
 #: Outputs of a flight state that limits bound by a row; those of variables bound these.
 CONSTRAINED = (
@@ -163,7 +158,6 @@ class PhaseBuilder:
         state = self.model.state_at_force(position, around, force, inflow_angle)
         # What is a variable is not an output as well: every name has one meaning.
         outputs = {name: value for name, value in outputs_of(state).items() if name not in point.values}
-        outputs["objective_power"] = self.objective_power(state.power)
         derivatives = {"tether_length": state.reeling_speed}
         if "elevation" in point.values:
             derivatives["elevation"] = elevation_rate(state.tangential_speed)
@@ -177,15 +171,6 @@ class PhaseBuilder:
                 constraints.append(PathConstraint(quantity, outputs[quantity], lower, upper, SCALES[quantity]))
         residuals = [Residual("equilibrium", state.residual)] if self.implicit else []
         return PointExpressions(derivatives, residuals, constraints, outputs)
-
-    def objective_power(self, power: Any) -> Any:
-        """Power that the objective integrates: mechanical, or electrical behind generator and motor."""
-        if self.formulation.objective == "mechanical":
-            return power
-        p = self.parameters
-        generator, motor = p["machine.generator_efficiency"], 1 / p["machine.motor_efficiency"]
-        rounded = ca.sqrt(power**2 + POWER_ROUNDING_W**2) - POWER_ROUNDING_W
-        return 0.5 * (generator + motor) * power - 0.5 * (motor - generator) * rounded
 
 
 def _infinite(bound: Any) -> bool:

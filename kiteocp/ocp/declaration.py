@@ -210,6 +210,8 @@ class OptimalControlProblem:
         Decisions shared by the phases.
     parameters
         Column vector of ``SX`` symbols, the numbers that may change from solve to solve.
+    objective_unit
+        What an objective of one is in the unit of the problem; negative where that is to be as large as possible.
 
     """
 
@@ -218,6 +220,7 @@ class OptimalControlProblem:
     links: Sequence[Link] = ()
     statics: Sequence[Static] = ()
     parameters: Expression = field(default_factory=lambda: ca.SX(0, 1))
+    objective_unit: float = 1.0
 
     def __post_init__(self) -> None:
         for kind, names in (

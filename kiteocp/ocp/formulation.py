@@ -14,6 +14,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from kiteocp.cycle.objective import POWERS
 from kiteocp.cycle.phases import PHASE_CHANGES, PHASES, RETRACTION, TRACTION, TRANSITION, PhaseKind
 from kiteocp.ocp.collocation import PhaseMesh
 from kiteocp.ocp.cycle_phases import PhaseBuilder
@@ -160,10 +161,12 @@ def cycle_problem(structure: Structure, formulation: Formulation) -> OptimalCont
             )
             for before, after in itertools.pairwise([*phases, retraction])
         ]
-    energy = sum(phase.integral["objective_power"] for phase in phases)
+    energy = sum(phase.integral[POWERS[formulation.objective]] for phase in phases)
     time = sum(phase.duration for phase in phases) + PHASE_CHANGES * p["limits.phase_change_time_s"]
+    # The mean power is to be as large as possible.
+    unit = -SCALES["power"]
     return OptimalControlProblem(
-        phases, objective=-energy / time / SCALES["power"], links=links, statics=statics, parameters=p.vector
+        phases, energy / time / unit, links=links, statics=statics, parameters=p.vector, objective_unit=unit
     )
 
 

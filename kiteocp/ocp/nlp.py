@@ -96,6 +96,10 @@ class NonlinearProgram:
     layouts: Mapping[str, PhaseLayout]
     functions: Mapping[str, Any]
 
+    def in_units(self, objective: Any) -> Any:
+        """Return an objective, a change or a derivative of it in the unit of the problem (`objective_unit`)."""
+        return objective * self.problem.objective_unit
+
     @property
     def scales(self) -> FloatArray:
         """Scale of every variable, shape (number of variables,)."""

@@ -88,11 +88,6 @@ class OptimalCycle:
             found.append(_record(self.values, self.trajectory, schedule, np.append(inside.ravel(), 1.0)))
         return tuple(found)
 
-    @property
-    def energy_J(self) -> float:
-        """Mechanical energy of the cycle."""
-        return sum(record.energy_J for record in self.records)
-
     def resimulate(self) -> list[FlownPhase]:
         """Fly the schedules by the independent integrator, each phase from where the last one ended.
 
@@ -147,7 +142,8 @@ def _record(
         elevation = states @ phase.values["elevation"]
     else:
         elevation = np.full(fractions.size, trajectory.statics["elevation"])
-    return record_on_schedule(values, schedule, time, (length, elevation), phase.integrals["power"])
+    energies = phase.integrals["power"], phase.integrals["electrical_power"]
+    return record_on_schedule(values, schedule, time, (length, elevation), energies)
 
 
 def active_limits(cycle: OptimalCycle) -> dict[str, list[dict[str, Any]]]:

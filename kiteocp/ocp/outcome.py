@@ -105,6 +105,7 @@ def result_of(optimum: Optimum, total_time_s: float) -> Result:
                 "variables": len(optimum.solver.program.variables),
                 "rows": len(optimum.solver.program.rows),
             },
+            "objective": problem.optimisation.objective,
             "certificate": optimum.certificate.to_dict(),
             **({} if optimum.certificate.passed else {"message": optimum.certificate.message}),
             "starts": [

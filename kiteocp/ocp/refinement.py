@@ -30,7 +30,7 @@ from numpy.polynomial import legendre
 from kiteocp.cycle.phases import PHASE_CHANGES
 from kiteocp.cycle.schedule import Schedule, schedule_functions
 from kiteocp.ocp.collocation import FloatArray, PhaseMesh, radau_points, radau_weights
-from kiteocp.ocp.limits import SCALES, path_limits
+from kiteocp.ocp.limits import path_limits
 from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.nlpsolver import Solution
 from kiteocp.ocp.optimum import OptimalCycle
@@ -174,14 +174,14 @@ def _gap(program: NonlinearProgram, solution: Solution, cycle: OptimalCycle, sam
     sampled = np.asarray(rates.map(state.shape[1])(state, np.repeat(pieces, samples.weights.size, axis=0).T))
     flown = (samples.by_interval(sampled) @ samples.weights) * samples.widths_s
     work = (phase.values["power"].reshape(count, degree) @ radau_weights(degree)) * samples.widths_s
-    gain = (flown[3] - work) / _cycle_time_s(cycle) / SCALES["power"]
+    gain = (flown[3] - work) / _cycle_time_s(cycle) / _unit(program)
     for index, name in ((1, "tether_length"), (2, "elevation")):
         if name in phase.values:
             rows = program.find_rows(phase=schedule.name, kind="defect", name=name)
             # The same at all points of an interval moves its end by as much.
             worth = solution.lam_g[rows].reshape(count, degree).sum(axis=1) / program.rows[int(rows[0])].scale
             gain = gain + worth * (flown[index] - np.diff(phase.values[name][::degree]))
-    return np.asarray(gain / _objective(solution), dtype=np.float64)
+    return np.asarray(gain / _size(program, solution), dtype=np.float64)
 
 
 def _excess(
@@ -209,7 +209,7 @@ def _excess(
             past = np.maximum(upwards * (sampled[limit.quantity] - bound), 0.0)
             beyond = samples.by_interval(past).max(axis=-1)
             worth = np.maximum(upwards * multipliers[entries], 0.0).reshape(count, degree).sum(axis=1)
-            gain = worth * beyond / labels[int(entries[0])].scale / _objective(solution)
+            gain = worth * beyond / labels[int(entries[0])].scale / _size(program, solution)
             gained[limit.key] = gain + gained.get(limit.key, 0.0)
     return gained
 
@@ -233,9 +233,14 @@ def _kink(cycle: OptimalCycle, schedule: Schedule) -> FloatArray:
     return np.asarray(KINK_COST * highest * share, dtype=np.float64)
 
 
-def _objective(solution: Solution) -> float:
+def _unit(program: NonlinearProgram) -> float:
+    """Watts in an objective of one."""
+    return float(abs(program.in_units(1.0)))
+
+
+def _size(program: NonlinearProgram, solution: Solution) -> float:
     """Size of the objective, at least that of 1 W."""
-    return max(abs(solution.f), 1.0 / SCALES["power"])
+    return max(abs(solution.f), 1.0 / _unit(program))
 
 
 def _cycle_time_s(cycle: OptimalCycle) -> float:

@@ -9,7 +9,6 @@ from typing import Any
 
 from kiteocp.errors import InfeasibleError, SolveError
 from kiteocp.ocp.formulation import Formulation, cycle_program, deferred_rows
-from kiteocp.ocp.limits import SCALES
 from kiteocp.ocp.nlpsolver import Solution, Solver
 from kiteocp.ocp.starts import STARTS, enriched, guess_of, pinned_start, rescue_starts
 from kiteocp.physics.parameters import ParameterValues, Structure
@@ -21,15 +20,24 @@ NEARLY_FEASIBLE = 0.02
 
 @dataclass(frozen=True)
 class Attempt:
-    """A solution from one start."""
+    """A solution from one start.
+
+    Attributes
+    ----------
+    start
+        Its name.
+    solver, solution
+        What solved the cycle from there, and the result.
+    """
 
     start: str
+    solver: Solver
     solution: Solution
 
     @property
     def mean_power_W(self) -> float | None:
         """Mean power of the objective, None where the solver failed."""
-        return -self.solution.f * SCALES["power"] if self.solution.success else None
+        return float(self.solver.program.in_units(self.solution.f)) if self.solution.success else None
 
 
 def search(values: ParameterValues, formulation: Formulation, options: tuple[tuple[str, Any], ...]) -> list[Attempt]:
@@ -71,13 +79,13 @@ def solve_from_starts(solver: Solver, values: ParameterValues) -> list[Attempt]:
     """Solve from every start, and from a shortest traction that is solved first and then released."""
     program = solver.program
     attempts = [
-        Attempt(start.name, solver.solve(program.pack(guess_of(start, values, program)), values.vector))
+        Attempt(start.name, solver, solver.solve(program.pack(guess_of(start, values, program)), values.vector))
         for start in STARTS
     ]
     guess, pinned = pinned_start(values, program)
     held = solver.solve(program.pack(guess), values.vector, pinned=pinned)
     released = solver.solve(held.x, values.vector) if held.success else held
-    attempts.append(Attempt("shortest traction", released))
+    attempts.append(Attempt("shortest traction", solver, released))
     return attempts
 
 
@@ -91,7 +99,8 @@ def _from_less_freedom(
         return []
     best = min(succeeded, key=lambda solution: solution.f)
     guess = enriched(plain.program.unpack(best.x, values.vector), values, solver.program)
-    return [Attempt("optimum of less freedom", solver.solve(solver.program.pack(guess), values.vector, near=True))]
+    solution = solver.solve(solver.program.pack(guess), values.vector, near=True)
+    return [Attempt("optimum of less freedom", solver, solution)]
 
 
 def _rescue(solver: Solver, values: ParameterValues, formulation: Formulation) -> list[Attempt]:
@@ -115,17 +124,19 @@ def _rescue(solver: Solver, values: ParameterValues, formulation: Formulation) -
         raise InfeasibleError(weight.sentence, weight.to_dict())
     found = explain(values, formulation)
     if found.start is not None:
-        attempt = Attempt("elastic", solver.solve(program.pack(found.start), values.vector))
+        attempt = Attempt("elastic", solver, solver.solve(program.pack(found.start), values.vector))
         if not attempt.solution.success:
             # At the edge of feasibility IPOPT may see no feasible point where it stands on one.
             penalised = penalised_optimum(values, formulation, found.start)
             if penalised is not None:
-                attempt = Attempt("exact penalty", solver.solve(penalised.x, values.vector, warm=penalised))
+                solution = solver.solve(penalised.x, values.vector, warm=penalised)
+                attempt = Attempt("exact penalty", solver, solution)
         if attempt.solution.success:
             return [attempt]
     if found.elastic_sum is not None and found.elastic_sum < NEARLY_FEASIBLE:
         for start in rescue_starts():
-            attempt = Attempt(start.name, solver.solve(program.pack(guess_of(start, values, program)), values.vector))
+            solution = solver.solve(program.pack(guess_of(start, values, program)), values.vector)
+            attempt = Attempt(start.name, solver, solution)
             if attempt.solution.success:
                 return [attempt]
     raise InfeasibleError(found.sentence, found.to_dict())

@@ -14,7 +14,6 @@ from kiteocp.ocp import certificate as certify
 from kiteocp.ocp.certificate import Certificate, Check, Level
 from kiteocp.ocp.collocation import PhaseMesh
 from kiteocp.ocp.formulation import Formulation, cycle_problem, deferred_rows
-from kiteocp.ocp.limits import SCALES
 from kiteocp.ocp.nlpsolver import Solution, Solver
 from kiteocp.ocp.optimum import OptimalCycle
 from kiteocp.ocp.refinement import TARGET, IntervalErrors, adapted_mesh, interval_errors, passed_limit
@@ -76,7 +75,7 @@ class MeshSolution:
     @property
     def mean_power_W(self) -> float:
         """Mean power of the objective."""
-        return -self.solution.f * SCALES["power"]
+        return float(self.solver.program.in_units(self.solution.f))
 
     @property
     def name(self) -> str:
@@ -159,7 +158,7 @@ class Optimum:
     @property
     def mean_power_W(self) -> float:
         """Mean power of the objective."""
-        return -self.solution.f * SCALES["power"]
+        return float(self.solver.program.in_units(self.solution.f))
 
 
 @one_at_a_time
@@ -300,12 +299,10 @@ def _judged(
     checks = [
         certify.solver_check(solution, meshes[-1].name),
         certify.kkt_check(solver.program, solution),
+        certify.objective_check(meshes[-1].mean_power_W, cycle, problem.optimisation.objective),
         certify.limits_check(margins),
         resimulation,
     ]
-    if problem.optimisation.objective == "mechanical":
-        # Behind generator and motor the objective is another power than the cycle's.
-        checks.insert(2, certify.objective_check(-solution.f * SCALES["power"], cycle))
     if level == "full":
         checks.append(_mesh_check(meshes, values))
     failed = {attempt.start: attempt.solution.status for attempt in attempts if not attempt.solution.success}

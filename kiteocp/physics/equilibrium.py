@@ -176,6 +176,7 @@ OUTPUTS = (
     "tether_force_kite",
     "tether_force_ground",
     "power",
+    "electrical_power",
     "residual",
     "sag",
     "weight_across",

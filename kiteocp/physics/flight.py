@@ -31,6 +31,7 @@ OUTPUT_UNITS: Mapping[str, str] = {
     "tether_force_kite": "N",
     "tether_force_ground": "N",
     "power": "W",
+    "electrical_power": "W",
     "sag": "N",
     "weight_across": "N",
     "inflow_angle": "rad",

@@ -13,7 +13,7 @@ from typing import Any
 
 import casadi as ca
 
-from kiteocp.physics import aerodynamics, atmosphere, kinematics, tether
+from kiteocp.physics import aerodynamics, atmosphere, kinematics, machine, tether
 from kiteocp.physics.kinematics import Course
 from kiteocp.physics.parameters import Parameters
 
@@ -79,6 +79,7 @@ class FlightState:
     tether_force_kite: Any
     tether_force_ground: Any
     power: Any
+    electrical_power: Any
     residual: Any
 
     @property
@@ -234,8 +235,8 @@ class Model:
             position, around, radial_ground_force, radial_force, force, apparent_wind_speed, inflow_angle
         )
 
-    @staticmethod
     def _state(
+        self,
         position: Position,
         around: Surroundings,
         radial_ground_force: Any,
@@ -256,6 +257,7 @@ class Model:
         cosine = (radial_force * radial_wind - around.weight_across * polar_wind) / (force * apparent_wind_speed)
         residual = cosine - around.drag_coefficient / around.resultant_coefficient
         ground_force = tether.force_at_ground(radial_ground_force, around.sag)
+        power, p = ground_force * reeling_speed, self.parameters
         return FlightState(
             surroundings=around,
             inflow_angle=inflow_angle,
@@ -267,6 +269,9 @@ class Model:
             aerodynamic_force=force,
             tether_force_kite=tether.force_at_kite(radial_ground_force, around.sag, around.tether_weight_along),
             tether_force_ground=ground_force,
-            power=ground_force * reeling_speed,
+            power=power,
+            electrical_power=machine.electrical_power(
+                power, p["machine.generator_efficiency"], p["machine.motor_efficiency"]
+            ),
             residual=residual,
         )

@@ -25,6 +25,7 @@ from kiteocp.plots.style import (
     write_line,
 )
 from kiteocp.result import Result
+from kiteocp.result.table import mean_power_of
 
 #: Panel to the values drawn dashed in it, each with what to call it; None is no limit.
 Levels = dict[str, list[tuple[float | None, str]]]
@@ -123,9 +124,16 @@ def _draw_panels(
         factor=1e-3,
     )
     draw_ground_force(force, result)
-    mean_power = result.cycle.get("mean_power_W")
+    key, title = mean_power_of(result)
     draw_panel(
-        power, result, prescribed, "power_W", "power\n(kW)", levels.get("power", ()), factor=1e-3, mean=mean_power
+        power,
+        result,
+        prescribed,
+        "power_W",
+        "power\n(kW)",
+        levels.get("power", ()),
+        factor=1e-3,
+        mean=(result.cycle.get(key), title.removesuffix(" power")),
     )
     draw_panel(elevation, result, prescribed, "elevation_deg", "elevation\n(deg)", levels.get("elevation", ()))
     for axes in (speed, power):
@@ -153,10 +161,11 @@ def _draw_panels(
 def _write_title(figure: Figure, result: Result, prescribed: Result | None, kind: str) -> None:
     write_line(figure, 0.972, f"{result.problem.name}: {kind}", **TITLE_STYLE)
     parts = []
-    power = result.cycle.get("mean_power_W")
+    key, title = mean_power_of(result)
+    power = result.cycle.get(key)
     if power is not None:
-        text = f"mean power {1e-3 * power:.2f} kW"
-        reference = prescribed.cycle.get("mean_power_W") if prescribed is not None else None
+        text = f"{title} {1e-3 * power:.2f} kW"
+        reference = prescribed.cycle.get(key) if prescribed is not None else None
         if reference is not None:
             text += f" (prescribed {1e-3 * reference:.2f} kW"
             text += f", {100.0 * (power / reference - 1.0):+.1f} %)" if reference > 0.0 else ")"

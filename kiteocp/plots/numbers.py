@@ -8,14 +8,10 @@ from matplotlib.figure import Figure
 
 from kiteocp.plots.style import GREY, INK, LABEL_SIZE, SMALL_SIZE, phase_colour
 from kiteocp.result import Result
-from kiteocp.result.table import LASTING_SHARE, describe_cycle, describe_limit
+from kiteocp.result.table import ENERGIES, LASTING_SHARE, describe_cycle, describe_limit, mean_power_of
 
-#: Title, key of the summary, factor to the unit of the title, decimals.
-_COLUMNS: tuple[tuple[str, str, float, int], ...] = (
-    ("duration (s)", "duration_s", 1.0, 1),
-    ("mean power (kW)", "mean_power_W", 1e-3, 2),
-    ("energy (kJ)", "energy_J", 1e-3, 0),
-)
+# Title, key of the summary, factor to the unit of the title, decimals.
+_Columns = tuple[tuple[str, str, float, int], ...]
 # In parts of the figure.
 _LEFT, _FIRST_COLUMN, _COLUMN_WIDTH, _ROW_HEIGHT = 0.055, 0.195, 0.095, 0.026
 _NOTE_HEIGHT, _BOTTOM = 0.021, 0.02
@@ -26,7 +22,8 @@ def write_numbers(figure: Figure, side: Any, result: Result, prescribed: Result 
     # Equal scales shrink the side view to the shape of the cycle: follow its lower edge.
     side.apply_aspect()
     y = side.get_position().y0 - 0.085
-    for index, (title, *_) in enumerate(_COLUMNS):
+    columns = _columns(result)
+    for index, (title, *_) in enumerate(columns):
         x = _FIRST_COLUMN + _COLUMN_WIDTH * index
         figure.text(x + 0.055, y, title, fontsize=SMALL_SIZE, color=GREY, ha="right")
     if prescribed is not None:
@@ -40,7 +37,7 @@ def write_numbers(figure: Figure, side: Any, result: Result, prescribed: Result 
         y -= _ROW_HEIGHT
         colour = INK if name == "cycle" else phase_colour(name)
         figure.text(_LEFT, y, name, fontsize=LABEL_SIZE, fontweight="bold", color=colour)
-        for index, (_, key, factor, decimals) in enumerate(_COLUMNS):
+        for index, (_, key, factor, decimals) in enumerate(columns):
             x = _FIRST_COLUMN + _COLUMN_WIDTH * index + 0.055
             if (value := values.get(key)) is not None:
                 figure.text(x, y, f"{factor * value:.{decimals}f}", fontsize=LABEL_SIZE, ha="right")
@@ -48,6 +45,16 @@ def write_numbers(figure: Figure, side: Any, result: Result, prescribed: Result 
                 text = f"{factor * value:.{decimals}f}"
                 figure.text(x - 0.042, y, text, fontsize=SMALL_SIZE, color=GREY, ha="right")
     _write_notes(figure, result, y - 1.4 * _ROW_HEIGHT)
+
+
+def _columns(result: Result) -> _Columns:
+    power, title = mean_power_of(result)
+    energy = ENERGIES[power]
+    return (
+        ("duration (s)", "duration_s", 1.0, 1),
+        (f"{title} (kW)", power, 1e-3, 2),
+        ("energy (kJ)", energy, 1e-3, 0),
+    )
 
 
 def _write_notes(figure: Figure, result: Result, y: float) -> None:

@@ -37,7 +37,7 @@ def draw_panel(
     label: str,
     limits: Sequence[tuple[float | None, str]] = (),
     factor: float = 1.0,
-    mean: float | None = None,
+    mean: tuple[float | None, str] = (None, ""),
 ) -> None:
     """Draw one channel over time with its limits.
 
@@ -53,8 +53,8 @@ def draw_panel(
         Values in the unit of the channel, drawn dashed, and what to call each; None is no limit.
     factor : float
         From the unit of the channel to that of the label.
-    mean : float, optional
-        Mean of the channel over the cycle, in its own unit, drawn as a level of its own.
+    mean : tuple of float or None, and str
+        Mean over the cycle in the unit of the channel, drawn as a level of its own, and what to call it.
     """
     if prescribed is not None:
         _draw_line(axes, prescribed, channel, factor, **PRESCRIBED_STYLE)
@@ -70,11 +70,12 @@ def draw_panel(
             continue
         axes.axhline(value * factor, **LIMIT_STYLE)
         labels.append((value * factor, name, INK))
-    if mean is not None:
-        axes.axhline(mean * factor, color=BLUE, linewidth=1.1, zorder=2.5)
+    level, called = mean
+    if level is not None:
+        axes.axhline(level * factor, color=BLUE, linewidth=1.1, zorder=2.5)
         # The label of the axis ends with the unit in brackets.
         unit = label.rpartition("(")[2].rstrip(")")
-        labels.append((mean * factor, f"mean {mean * factor:.2f} {unit}", BLUE))
+        labels.append((level * factor, f"{called} {level * factor:.2f} {unit}", BLUE))
     low, high = min([low, *(level for level, *_ in labels)]), max([high, *(level for level, *_ in labels)])
     margin = 0.08 * max(high - low, span)
     axes.set_ylim(low - margin, high + margin)

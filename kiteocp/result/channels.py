@@ -27,7 +27,9 @@ TIME_SERIES_CHANNELS: tuple[str, ...] = (
 PHASE_KEYS: tuple[str, ...] = (
     "duration_s",
     "mean_power_W",
+    "mean_electrical_power_W",
     "energy_J",
+    "electrical_energy_J",
     "tether_length_start_m",
     "tether_length_end_m",
     "elevation_start_deg",
@@ -36,12 +38,21 @@ PHASE_KEYS: tuple[str, ...] = (
 CYCLE_KEYS: tuple[str, ...] = (
     "duration_s",
     "mean_power_W",
+    "mean_electrical_power_W",
     "energy_J",
+    "electrical_energy_J",
     "mean_harvesting_factor",
     "mean_traction_altitude_m",
     "wind_speed_at_mean_traction_altitude_m_s",
 )
 PHASES: tuple[str, ...] = ("retraction", "transition", "traction")
+
+#: Key of the summary, and what to call it, of the mean power that an optimal cycle maximises, by the word of
+#: ``optimisation.objective``.
+MEAN_POWERS: dict[str, tuple[str, str]] = {
+    "mechanical": ("mean_power_W", "mean power"),
+    "electrical": ("mean_electrical_power_W", "mean electrical power"),
+}
 
 DIMENSIONLESS = "1"
 

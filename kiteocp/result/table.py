@@ -6,12 +6,13 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from kiteocp.result.channels import DIMENSIONLESS, unit_of
+from kiteocp.result.channels import DIMENSIONLESS, MEAN_POWERS, unit_of
 from kiteocp.result.container import Result
 
-_HEADER = ("duration", "mean power", "energy", "tether length", "elevation")
 _UNITS = ("s", "kW", "kJ", "m", "deg")
 _NO_VALUE = "-"
+#: The energy that belongs to a mean power.
+ENERGIES = {"mean_power_W": "energy_J", "mean_electrical_power_W": "electrical_energy_J"}
 #: Share of the time of a phase from which on a limit holds, not just touches.
 LASTING_SHARE = 0.005
 
@@ -50,15 +51,17 @@ def _format_cycles(result: Result) -> list[str]:
     cycles = {"": result}
     if result.prescribed is not None:
         cycles = {"optimal": result, "prescribed": result.prescribed}
-    rows: list[tuple[str, ...]] = [("", "", *_HEADER), ("", "", *_UNITS)]
+    power, title = mean_power_of(result)
+    header = ("duration", title, "energy", "tether length", "elevation")
+    rows: list[tuple[str, ...]] = [("", "", *header), ("", "", *_UNITS)]
     names = dict.fromkeys(name for cycle in cycles.values() for name in cycle.phases)
     for name in names:
-        rows += [_row(name, label, cycle.phases.get(name, {})) for label, cycle in cycles.items()]
+        rows += [_row(name, label, cycle.phases.get(name, {}), power) for label, cycle in cycles.items()]
     if any(cycle.cycle.get("phase_change_time_total_s") for cycle in cycles.values()):
         for label, cycle in cycles.items():
             duration = {"duration_s": cycle.cycle.get("phase_change_time_total_s")}
-            rows.append(_row("phase changes", label, duration))
-    rows += [_row("cycle", label, cycle.cycle) for label, cycle in cycles.items()]
+            rows.append(_row("phase changes", label, duration, power))
+    rows += [_row("cycle", label, cycle.cycle, power) for label, cycle in cycles.items()]
     # A phase is named once; the rows below it are the other cycles.
     shown = [(row[0] if index == 0 or row[0] != rows[index - 1][0] else "", *row[1:]) for index, row in enumerate(rows)]
     widths = [max(len(row[column]) for row in shown) for column in range(len(shown[0]))]
@@ -72,13 +75,13 @@ def _format_cycles(result: Result) -> list[str]:
     return [*lines[:2], rule, *lines[2:-last], rule, *lines[-last:]]
 
 
-def _row(name: str, label: str, values: Mapping[str, float | None]) -> tuple[str, ...]:
+def _row(name: str, label: str, values: Mapping[str, float | None], power: str) -> tuple[str, ...]:
     return (
         name,
         label,
         _number(values.get("duration_s"), 1),
-        _number(values.get("mean_power_W"), 2, 1e-3),
-        _number(values.get("energy_J"), 1, 1e-3),
+        _number(values.get(power), 2, 1e-3),
+        _number(values.get(ENERGIES[power]), 1, 1e-3),
         _range(values.get("tether_length_start_m"), values.get("tether_length_end_m")),
         _range(values.get("elevation_start_deg"), values.get("elevation_end_deg")),
     )
@@ -101,8 +104,13 @@ def _format_facts(result: Result) -> list[str]:
     """Return what describes the cycle as a whole, and the gain over the prescribed one."""
     lines = describe_cycle(result)
     if result.prescribed is not None:
-        lines.append(_format_gain(result.cycle.get("mean_power_W"), result.prescribed))
+        lines.append(_format_gain(result, result.prescribed))
     return lines
+
+
+def mean_power_of(result: Result) -> tuple[str, str]:
+    """Return the key of the mean power that a result maximises, and what to call it; else the mechanical one."""
+    return MEAN_POWERS[result.details.get("objective", "mechanical")]
 
 
 def describe_cycle(result: Result) -> list[str]:
@@ -118,14 +126,15 @@ def describe_cycle(result: Result) -> list[str]:
     return [", ".join(facts)] if facts else []
 
 
-def _format_gain(power: float | None, prescribed: Result) -> str:
-    reference = prescribed.cycle.get("mean_power_W")
+def _format_gain(result: Result, prescribed: Result) -> str:
+    key, title = mean_power_of(result)
+    power, reference = result.cycle.get(key), prescribed.cycle.get(key)
     if power is None or reference is None:
         message = prescribed.details.get("message", f"its simulation is {prescribed.status}")
         return f"no comparison with the prescribed cycle: {message}"
     gain = f" ({100.0 * (power / reference - 1.0):+.1f} %)" if reference > 0.0 else ""
     return (
-        f"mean cycle power {power / 1e3:.2f} kW, prescribed {reference / 1e3:.2f} kW: "
+        f"{title.replace('power', 'cycle power')} {power / 1e3:.2f} kW, prescribed {reference / 1e3:.2f} kW: "
         f"{(power - reference) / 1e3:+.2f} kW{gain}"
     )
 

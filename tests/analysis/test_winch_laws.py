@@ -139,6 +139,7 @@ def test_a_phase_without_a_direction_has_no_length_law(cycle):
         retraction.elevation_rad,
         retraction.outputs,
         retraction.energy_J,
+        retraction.electrical_energy_J,
     )
     assert fit_length_law(turned) is None
     assert not is_monotone(np.array([0.0, 1.0, 1.0]))

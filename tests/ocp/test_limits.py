@@ -212,7 +212,7 @@ def test_margins_shares_and_reached_values_agree(speeds: list[float], force: flo
     outputs[OUTPUTS.index("inflow_angle")] = np.arctan(ratio)
     outputs[OUTPUTS.index("height")] = 100.0
     lengths, elevation = np.linspace(220.0, 380.0, count), np.full(count, 0.5)
-    record = PhaseRecord("traction", np.linspace(0.0, 30.0, count), lengths, elevation, outputs, 0.0)
+    record = PhaseRecord("traction", np.linspace(0.0, 30.0, count), lengths, elevation, outputs, 0.0, 0.0)
     for limit in limits_of(values.structure):
         margin, reached = limit.margin(record, values), limit.reached(record)
         assert (margin is None) == (reached is None)
