@@ -6,8 +6,9 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from kiteocp.cycle.remedies import listed
 from kiteocp.ocp.collocation import FloatArray
+from kiteocp.problem.catalogue import limit_keys
+from kiteocp.report.words import listed
 from kiteocp.result import Result
 
 #: Amount in which a limit is priced: by unit, the amount and how it is written.
@@ -15,48 +16,15 @@ _AMOUNTS: dict[str, tuple[float, str]] = {
     "N": (1000.0, "1 kN"),
     "W": (1000.0, "1 kW"),
     "m": (1.0, "1 m"),
-    "m_s": (1.0, "1 m/s"),
-    "m_s2": (1.0, "1 m/s2"),
+    "m/s": (1.0, "1 m/s"),
+    "m/s2": (1.0, "1 m/s2"),
     "deg": (1.0, "1 deg"),
-    "deg_s": (0.1, "0.1 deg/s"),
+    "deg/s": (0.1, "0.1 deg/s"),
     "s": (1.0, "1 s"),
 }
 
 #: Amount of a limit without unit.
 _RATIO_AMOUNT = (0.01, "0.01")
-
-#: Limits in plain words.
-_WORDS: dict[str, str] = {
-    "tether_force_min_N": "more minimum tether force",
-    "tether_force_max_N": "more tether force",
-    "reel_in_speed_max_m_s": "faster reel-in",
-    "reel_out_speed_max_m_s": "faster reel-out",
-    "reeling_acceleration_max_m_s2": "more winch acceleration",
-    "generator_power_max_W": "more generator power",
-    "motor_power_max_W": "more motor power",
-    "height_min_m": "more minimum height",
-    "height_max_m": "more maximum height",
-    "tether_length_min_m": "more minimum tether length",
-    "tether_length_max_m": "more tether",
-    "elevation_max_deg": "more maximum elevation",
-    "traction_elevation_min_deg": "more minimum elevation in traction",
-    "traction_elevation_max_deg": "more maximum elevation in traction",
-    "traction_elevation_rate_max_deg_s": "faster change of elevation in traction",
-    "traction_duration_min_s": "more minimum duration of the traction",
-    "retraction_duration_min_s": "more minimum duration of the retraction",
-    "transition_duration_min_s": "more minimum duration of the transition",
-    "phase_duration_max_s": "more time for each phase",
-    "radial_ground_force_min_N": "more minimum radial force at the ground",
-    "kinematic_ratio_min": "more minimum kinematic ratio",
-    "kinematic_ratio_max": "more maximum kinematic ratio",
-    "forward_airspeed_ratio_min": "more minimum airspeed along the course, in wind speeds,",
-    "traction_course_min_deg": "more minimum course in traction",
-    "traction_course_max_deg": "more maximum course in traction",
-    "power_setting_min": "more minimum power setting",
-    "power_setting_max": "more maximum power setting",
-    "stroke_min_m": "more minimum stroke",
-    "phase_change_time_s": "more time for each phase change",
-}
 
 #: A share of the power, per 1 % of a key, below which a derivative is not worth a line.
 _NOTHING = 1e-9
@@ -107,7 +75,8 @@ def shadow_prices(
     """
     rows = []
     for column, key in enumerate(keys):
-        if not key.startswith("limits."):
+        row = limit_keys()[key].limit if key in limit_keys() else None
+        if row is None:
             continue
         total = sum(float(price[column]) for price in prices.values())
         by_phase = {phase: float(price[column]) for phase, price in prices.items()}
@@ -115,10 +84,8 @@ def shadow_prices(
         kept = {phase: price for phase, price in by_phase.items() if abs(price) > 1e-6 * largest}
         if not kept:
             continue
-        name = key.removeprefix("limits.")
-        units = (unit for unit in sorted(_AMOUNTS, key=len)[::-1] if name.endswith(f"_{unit}"))
-        amount, written = _AMOUNTS.get(next(units, ""), _RATIO_AMOUNT)
-        text = f"{written} {_WORDS.get(name, name)} {_worth(amount * total)}"
+        amount, written = _AMOUNTS.get(row.unit, _RATIO_AMOUNT)
+        text = f"{written} {row.more} {_worth(amount * total)}"
         held = float(alone[column])
         if abs(held - total) > _FOLLOWS * max(abs(held), abs(total)):
             names = followers(column)

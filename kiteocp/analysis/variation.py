@@ -20,7 +20,7 @@ from kiteocp.ocp.optimum import OptimalCycle, active_limits
 from kiteocp.ocp.solution import Optimum, optimise
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem
-from kiteocp.problem.catalogue import catalogue
+from kiteocp.problem.catalogue import limit_keys
 from kiteocp.result import Result, write_atomically
 
 VARIATION_FILE = "variation.csv"
@@ -72,8 +72,7 @@ class Variation:
     @property
     def limits(self) -> list[str]:
         """Return the keys of all limits that are numbers, and of any other that is active at some point."""
-        keys = catalogue().walk()
-        declared = [key.path for key in keys if key.path.startswith("limits.") and key.kind == "number"]
+        declared = limit_keys()
         met = [
             entry["limit"]
             for point in self.points

@@ -6,16 +6,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import numpy as np
-
 from kiteocp.analysis.winch_flight import HeldQuantities, Switching, fly_laws
 from kiteocp.analysis.winch_law import Kind, WinchLaw
+from kiteocp.cycle.limits import Limit
 from kiteocp.cycle.objective import mean_power
 from kiteocp.cycle.phases import PhaseName
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.errors import CycleError
-from kiteocp.ocp.limits import Limit
-from kiteocp.ocp.optimum import ACCELERATION, OptimalCycle
+from kiteocp.ocp.optimum import OptimalCycle
 from kiteocp.physics.parameters import ParameterValues, parameter_values
 from kiteocp.problem import Problem
 
@@ -119,22 +117,18 @@ def violations_of(
     records: Sequence[PhaseRecord], values: ParameterValues, limits: Sequence[Limit]
 ) -> list[dict[str, Any]]:
     """List the limits that flown phases leave, the worst instant of each phase; the largest excess first."""
-    found = []
+    found: list[dict[str, Any]] = []
     for record in records:
         for limit in limits:
             margin, reached = limit.margin(record, values), limit.reached(record)
             if margin is not None and reached is not None:
-                found.append(_violation(limit.key, record, values, reached, -margin))
-        fastest = float(np.max(np.abs(record.rate("reeling_speed"))))
-        found.append(_violation(ACCELERATION, record, values, fastest, fastest / values[ACCELERATION] - 1.0))
+                found.append(
+                    {
+                        "limit": limit.key,
+                        "phase": record.name,
+                        "value": values[limit.key],
+                        "reached": reached,
+                        "excess_percent": -100.0 * margin,
+                    }
+                )
     return sorted((v for v in found if v["excess_percent"] > 100 * WITHIN), key=lambda v: -v["excess_percent"])
-
-
-def _violation(key: str, record: PhaseRecord, values: ParameterValues, reached: float, excess: float) -> dict[str, Any]:
-    return {
-        "limit": key,
-        "phase": record.name,
-        "value": values[key],
-        "reached": reached,
-        "excess_percent": 100.0 * excess,
-    }

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Any
@@ -18,6 +17,7 @@ from kiteocp.errors import CycleError
 from kiteocp.execution import one_at_a_time
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values
 from kiteocp.problem import Problem
+from kiteocp.report.words import listed, rounded
 
 #: Values tried between the given one and the end of a range, closest together near the given one.
 SCANNED = 12
@@ -219,22 +219,3 @@ def wind_text(values: ParameterValues, factor: float) -> str:
         return f"a wind of up to {number} m/s"
     height = "environment.wind.reference_height_m"
     return f"{number} m/s of wind" + (f" at {values[height]:g} m" if height in values else "")
-
-
-def rounded(number: float, *, up: bool) -> str:
-    """Round to three digits, to the side on which the number still does what it is to do."""
-    if number == 0:
-        return "0"
-    unit = 10.0 ** (math.floor(math.log10(abs(number))) - 2)
-    # What is a round number but for the last bits stays one.
-    ratio = number / unit
-    steps = math.ceil(ratio - 1e-6) if up else math.floor(ratio + 1e-6)
-    return f"{steps * unit:.10g}"
-
-
-def listed(items: Sequence[str], word: str, *, always_comma: bool = False) -> str:
-    """Join items as a sentence does."""
-    if len(items) < 2:
-        return "".join(items)
-    comma = "," if always_comma or len(items) > 2 else ""
-    return f"{', '.join(items[:-1])}{comma} {word} {items[-1]}"

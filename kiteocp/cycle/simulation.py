@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import get_args
 
@@ -11,6 +11,7 @@ import numpy as np
 from kiteocp.cycle.finite_difference import characteristic_time, finite_difference_phase
 from kiteocp.cycle.integrator import IntegrationError, Integrator
 from kiteocp.cycle.laws import PHASE_ENDS, Equilibrium, cycle_start, next_start, phase_functions
+from kiteocp.cycle.limits import limits_of
 from kiteocp.cycle.phases import KINDS, PHASES, FlownPhase, PhaseName
 from kiteocp.cycle.summary import (
     PhaseRecord,
@@ -26,6 +27,7 @@ from kiteocp.execution import one_at_a_time
 from kiteocp.physics.flight import Place, solve_state
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values
 from kiteocp.problem import Problem
+from kiteocp.report.words import rounded
 from kiteocp.result import Result
 
 #: Sizes of the components of the state for the integration error: 10 s, 100 m, 1 rad, 10 kJ.
@@ -39,6 +41,9 @@ TIME_STEP_MIN = 1e-6
 
 #: A kite that reels slower than this has come to rest: it comes nearer to a tether length and never gets there.
 STANDSTILL_M_S = 1e-6
+
+#: A limit left by less than this share of it is kept: interpolation between samples is no more exact.
+LEFT_BY = 1e-4
 
 #: Samples of a time series: one each half second, but so many in every phase.
 SAMPLE_TIME_S = 0.5
@@ -105,6 +110,7 @@ def simulate(
         traction_altitude_m=0.5 * lengths * float(np.sin(elevation)),
         phase_change_time_s=phase_change_time_s,
     )
+    told = problem.warnings()
     integration = {
         "scheme": "adaptive" if time_step is None else "finite-difference",
         "time_step": time_step,
@@ -116,7 +122,7 @@ def simulate(
         verb="simulate",
         problem=problem,
         status="ok",
-        warnings=tuple([*problem.warnings(), *validity_warnings(records, values), *limit_warnings(records, values)]),
+        warnings=tuple([*told, *validity_warnings(records, values), *limit_warnings(records, values, told)]),
         phases=phases,
         cycle=dict(cycle),
         channels=channels_of(records, values, phase_change_time_s),
@@ -257,28 +263,23 @@ def _held_state(values: ParameterValues, name: PhaseName, length: float, elevati
     return solve_state(values, place, f"tether_force_{reference}", force)
 
 
-def limit_warnings(records: Sequence[PhaseRecord], values: ParameterValues) -> list[str]:
-    """Report where a flown cycle leaves the limits of the problem's machine; it is flown all the same."""
-    checks: tuple[tuple[str, Callable[[PhaseRecord], np.ndarray], str, str], ...] = (
-        ("reel_in_speed_max_m_s", lambda r: -r.output("reeling_speed"), "reels in at up to", "m/s"),
-        ("reel_out_speed_max_m_s", lambda r: r.output("reeling_speed"), "reels out at up to", "m/s"),
-        ("generator_power_max_W", lambda r: r.output("power"), "generates up to", "W"),
-        ("motor_power_max_W", lambda r: -r.output("power"), "takes up to", "W"),
-        ("height_max_m", lambda r: r.output("height"), "rises to", "m"),
-        ("height_min_m", lambda r: r.output("height"), "comes down to", "m"),
-        ("elevation_max_deg", lambda r: np.degrees(r.elevation_rad), "rises to", "deg"),
-        ("tether_length_max_m", lambda r: r.tether_length_m, "reels out to", "m"),
-        ("tether_length_min_m", lambda r: r.tether_length_m, "reels in to", "m"),
-    )
+def limit_warnings(records: Sequence[PhaseRecord], values: ParameterValues, told: Sequence[str]) -> list[str]:
+    """Report where a flown cycle leaves the limits of the problem; it is flown all the same.
+
+    Of a limit that a warning of the problem names already nothing is said again.
+    """
     warnings = []
-    for key, quantity, verb, unit in checks:
-        if f"limits.{key}" not in values:
+    for limit in limits_of(values.structure):
+        margins = [limit.margin(record, values) for record in records]
+        worst, index = min(((margin, i) for i, margin in enumerate(margins) if margin is not None), default=(0.0, 0))
+        if worst >= -LEFT_BY or any(f"{limit.key} (" in text for text in told):
             continue
-        limit, sign = values[f"limits.{key}"], -1 if "_min_" in key else 1
-        worst, phase = max((float(np.max(sign * quantity(record))), record.name) for record in records)
-        if worst > sign * limit + 1e-6 * limit:
-            warnings.append(
-                f"The prescribed cycle is outside limits.{key} ({limit:g} {unit}): it {verb} {sign * worst:.3g} {unit} "
-                f"in the {phase}."
-            )
+        unit = "" if limit.row.unit == "1" else f" {limit.row.unit}"
+        reached = limit.reached(records[index])
+        assert reached is not None
+        needs = limit.row.needs.format(rounded(reached, up=reached > values[limit.key]))
+        warnings.append(
+            f"the prescribed cycle is outside {limit.key} ({values[limit.key]:g}{unit}): it needs {needs} in the "
+            f"{records[index].name}"
+        )
     return warnings

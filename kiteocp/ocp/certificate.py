@@ -16,7 +16,6 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from kiteocp.cycle.remedies import listed
 from kiteocp.ocp.check import Check, Level
 from kiteocp.ocp.cycle_checks import (
     ELEVATION_TOLERANCE_DEG,
@@ -31,6 +30,7 @@ from kiteocp.ocp.cycle_checks import (
 from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.nlpsolver import Solution
 from kiteocp.ocp.optimality import Optimality
+from kiteocp.report.words import listed
 
 __all__ = [
     "ELEVATION_TOLERANCE_DEG",

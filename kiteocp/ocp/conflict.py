@@ -6,60 +6,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
-from kiteocp.cycle.remedies import listed, rounded, wind_text
+from kiteocp.cycle.remedies import wind_text
 from kiteocp.ocp.trajectory import Trajectory
 from kiteocp.physics.parameters import ParameterValues
-
-#: What the kite cannot do, and what it would need instead, for each limit.
-PHRASES: dict[str, tuple[str, str]] = {
-    "tether_force_min_N": ("hold the minimum tether force of {} N", "a minimum tether force of {} N"),
-    "tether_force_max_N": ("stay below the maximum tether force of {} N", "a maximum tether force of {} N"),
-    "reel_in_speed_max_m_s": ("reel in at no more than {} m/s", "a reel-in speed of up to {} m/s"),
-    "reel_out_speed_max_m_s": ("reel out at no more than {} m/s", "a reel-out speed of up to {} m/s"),
-    "reeling_acceleration_max_m_s2": (
-        "change its reeling speed by no more than {} m/s2",
-        "a winch acceleration of up to {} m/s2",
-    ),
-    "generator_power_max_W": ("keep to the generator's {} W", "a generator power of up to {} W"),
-    "motor_power_max_W": ("keep to the motor's {} W", "a motor power of up to {} W"),
-    "height_min_m": ("stay above {} m of altitude", "a lowest altitude of {} m"),
-    "height_max_m": ("stay below {} m of altitude", "a highest altitude of {} m"),
-    "tether_length_min_m": ("keep its tether longer than {} m", "a shortest tether of {} m"),
-    "tether_length_max_m": ("keep its tether shorter than {} m", "a longest tether of {} m"),
-    "traction_elevation_min_deg": (
-        "keep its traction above {} deg of elevation",
-        "a lowest traction elevation of {} deg",
-    ),
-    "traction_elevation_max_deg": (
-        "keep its traction below {} deg of elevation",
-        "a highest traction elevation of {} deg",
-    ),
-    "elevation_max_deg": ("stay below {} deg of elevation", "a highest elevation of {} deg"),
-    "traction_duration_min_s": ("reel out for at least {} s", "a shortest traction of {} s"),
-    "retraction_duration_min_s": ("reel in for at least {} s", "a shortest retraction of {} s"),
-    "transition_duration_min_s": ("fly a transition of at least {} s", "a shortest transition of {} s"),
-    "phase_duration_max_s": ("finish each phase within {} s", "phases of up to {} s"),
-    "radial_ground_force_min_N": (
-        "keep a radial pull of {} N at the ground",
-        "a smallest radial pull at the ground of {} N",
-    ),
-    "kinematic_ratio_min": ("keep its kinematic ratio above {}", "a smallest kinematic ratio of {}"),
-    "kinematic_ratio_max": ("keep its kinematic ratio below {}", "a largest kinematic ratio of {}"),
-    "forward_airspeed_ratio_min": (
-        "keep an airspeed along its course of {} times the wind speed",
-        "a smallest airspeed along the course of {} times the wind speed",
-    ),
-    "traction_course_min_deg": ("keep its course in traction above {} deg", "a lowest traction course of {} deg"),
-    "traction_course_max_deg": ("keep its course in traction below {} deg", "a highest traction course of {} deg"),
-    "power_setting_min": ("keep its power setting above {}", "a lowest power setting of {}"),
-    "power_setting_max": ("keep its power setting below {}", "a highest power setting of {}"),
-    "stroke_min_m": ("reel out by at least {} m", "a smallest stroke of {} m"),
-    "traction_elevation_rate_max_deg_s": (
-        "change its elevation in traction by no more than {} deg/s",
-        "an elevation rate of up to {} deg/s in traction",
-    ),
-    "phase_change_time_s": ("change phase in {} s", "a phase-change time of {} s"),
-}
+from kiteocp.problem.catalogue import limit_keys
+from kiteocp.problem.limits import LimitRow
+from kiteocp.report.words import listed, rounded
 
 #: Limits and alternatives that the sentence names; the conflict lists them all.
 NAMED, ALTERNATIVES = 4, 3
@@ -157,7 +109,7 @@ def sentence_of(
 ) -> str:
     """Compose the sentence: what cannot be held, where, and the alternatives, the smallest relative change first."""
     if conflict:
-        cannot = [_phrase(c.key, 0).format(f"{c.value:.4g}") for c in conflict[:NAMED]]
+        cannot = [_row(c.key).cannot.format(f"{c.value:.4g}") for c in conflict[:NAMED]]
         if len(conflict) > NAMED:
             cannot.append(f"keep {len(conflict) - NAMED} more of its limits")
         what = f"the kite cannot {listed(cannot, 'and')}{_place(conflict)}"
@@ -180,11 +132,13 @@ def sentence_of(
 
 def need_of(key: str, value: float, needed: float) -> str:
     """Name the value a limit would need, rounded to the side that loosens it."""
-    return _phrase(key, 1).format(rounded(needed, up=needed > value))
+    return _row(key).needs.format(rounded(needed, up=needed > value))
 
 
-def _phrase(key: str, index: int) -> str:
-    return PHRASES[key.partition(".")[2]][index]
+def _row(key: str) -> LimitRow:
+    row = limit_keys()[key].limit
+    assert row is not None
+    return row
 
 
 def _place(conflict: Sequence[Conflict]) -> str:

@@ -14,9 +14,8 @@ from kiteocp.cycle.schedule import outputs_on_schedule, record_of_flight
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.errors import CycleError
 from kiteocp.ocp.check import Check, Level
-from kiteocp.ocp.optimum import ACCELERATION, SAMPLES_OF_AN_INTERVAL, OptimalCycle, speed_jumps
+from kiteocp.ocp.optimum import SAMPLES_OF_AN_INTERVAL, OptimalCycle, speed_jumps
 from kiteocp.physics.equilibrium import OUTPUTS
-from kiteocp.physics.parameters import ParameterValues
 
 #: A limit may be exceeded by this share of itself, anywhere in time.
 MARGIN_TOLERANCE = 5e-3
@@ -72,33 +71,22 @@ def limit_margins(cycle: OptimalCycle, flown: Sequence[FlownPhase] | None) -> li
         if found:
             margin, name = min(found)
             margins.append(LimitMargin(limit.key, name, margin))
-    return [*margins, _acceleration_margin(values, records)]
+    return margins
 
 
 def intervals_beyond(cycle: OptimalCycle) -> dict[PhaseName, np.ndarray]:
     """Find the mesh intervals that exceed a limit by more than half the tolerance, by phase; shape (intervals,)."""
     found: dict[PhaseName, np.ndarray] = {}
     for record in cycle.fine_records:
-        distances = [_acceleration_distances(cycle.values, record)]
+        distances = []
         for limit in cycle.limits:
-            of_samples = None if limit.whole else limit.distances(record, cycle.values)
-            if of_samples is not None:
-                distances.append(np.fmin(of_samples[:-1], of_samples[1:]))
+            found_here = None if limit.whole else limit.distances(record, cycle.values)
+            if found_here is not None:
+                # Of each two samples the nearer one; a rate is between them already.
+                distances.append(found_here if limit.rate else np.fmin(found_here[:-1], found_here[1:]))
         nearest = np.min(distances, axis=0).reshape(-1, SAMPLES_OF_AN_INTERVAL).min(axis=1)
         found[record.name] = ~(nearest >= -0.5 * MARGIN_TOLERANCE)
     return found
-
-
-def _acceleration_distances(values: ParameterValues, record: PhaseRecord) -> np.ndarray:
-    """Distance of the winch's acceleration between each two samples to its limit, over the limit."""
-    return np.asarray(1.0 - np.abs(record.rate("reeling_speed")) / values[ACCELERATION], dtype=np.float64)
-
-
-def _acceleration_margin(values: ParameterValues, records: Sequence[PhaseRecord]) -> LimitMargin:
-    """Margin of the winch's acceleration inside the phases."""
-    found = [(float(np.min(_acceleration_distances(values, record))), record.name) for record in records]
-    margin, name = min(found, key=lambda item: item[0] if np.isfinite(item[0]) else -np.inf)
-    return LimitMargin(ACCELERATION, name, margin)
 
 
 def limits_check(margins: Sequence[LimitMargin]) -> Check:

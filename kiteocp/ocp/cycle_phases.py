@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
+from kiteocp.cycle.limits import SCALES, bounds_of, is_infinite, limited_outputs, limits_of
 from kiteocp.cycle.phases import TRACTION, PhaseKind
 from kiteocp.ocp.declaration import (
     PathConstraint,
@@ -17,7 +16,6 @@ from kiteocp.ocp.declaration import (
     Static,
     Variable,
 )
-from kiteocp.ocp.limits import SCALES, Limit, bounds_of, limits_of
 from kiteocp.physics import kinematics
 from kiteocp.physics.equilibrium import inflow_angle_at_force, outputs_of
 from kiteocp.physics.kinematics import Course
@@ -25,17 +23,6 @@ from kiteocp.physics.model import Model, Position
 
 if TYPE_CHECKING:
     from kiteocp.ocp.formulation import Formulation
-
-#: Outputs of a flight state that limits bound by a row; those of variables bound these.
-CONSTRAINED = (
-    "tether_force_kite",
-    "tether_force_ground",
-    "reeling_speed",
-    "power",
-    "height",
-    "forward_airspeed_ratio",
-    "inflow_angle",
-)
 
 #: Algebraics and controls that the reeling speed depends on: where they jump inside a phase, the speed would.
 CONTINUOUS = frozenset({"inflow_angle", "radial_ground_force", "power_setting", "course"})
@@ -57,7 +44,7 @@ class PhaseBuilder:
         self.model = model
         self.formulation = formulation
         self.implicit = formulation.equilibrium == "implicit"
-        self.limits: list[Limit] = limits_of(model.parameters.structure)
+        self.limits = limits_of(model.parameters.structure)
         self.traction_start: Any = None
         self.traction_end: Any = None
 
@@ -130,7 +117,6 @@ class PhaseBuilder:
         controls: list[Variable] | None = None,
     ) -> Phase:
         """Declare what all phases share: tether length, force, inflow angle, and the acceleration of the winch."""
-        acceleration = self.parameters["limits.reeling_acceleration_max_m_s2"]
         controls = [self.variable("radial_ground_force", kind), *(controls or [])]
         if self.formulation.schedules_power_setting(kind):
             controls.append(self.variable("power_setting", kind))
@@ -142,7 +128,9 @@ class PhaseBuilder:
             controls=controls,
             model=model,
             rate_limits=[
-                RateLimit("limits.reeling_acceleration_max_m_s2", "reeling_speed", -acceleration, acceleration)
+                RateLimit(limit.key, limit.quantity, *limit.bounds(self.parameters))
+                for limit in self.limits
+                if limit.rate and kind.name in limit.phases
             ],
         )
 
@@ -162,16 +150,12 @@ class PhaseBuilder:
         if "elevation" in point.values:
             derivatives["elevation"] = elevation_rate(state.tangential_speed)
         constraints = []
-        for quantity in CONSTRAINED:
+        for quantity in limited_outputs(self.model.structure, kind.name):
             # A variable has its bounds already.
             if quantity in point.values:
                 continue
             lower, upper = bounds_of(self.limits, self.parameters, kind.name, quantity)
-            if not (_infinite(lower) and _infinite(upper)):
+            if not (is_infinite(lower) and is_infinite(upper)):
                 constraints.append(PathConstraint(quantity, outputs[quantity], lower, upper, SCALES[quantity]))
         residuals = [Residual("equilibrium", state.residual)] if self.implicit else []
         return PointExpressions(derivatives, residuals, constraints, outputs)
-
-
-def _infinite(bound: Any) -> bool:
-    return isinstance(bound, float) and not np.isfinite(bound)

@@ -12,14 +12,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
-import numpy as np
-
+from kiteocp.cycle.limits import SCALES, rarely_active
 from kiteocp.cycle.objective import POWERS
 from kiteocp.cycle.phases import PHASE_CHANGES, PHASES, RETRACTION, TRACTION, TRANSITION, PhaseKind
 from kiteocp.ocp.collocation import PhaseMesh
 from kiteocp.ocp.cycle_phases import PhaseBuilder
 from kiteocp.ocp.declaration import Link, OptimalControlProblem
-from kiteocp.ocp.limits import SCALES
 from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.transcription import transcribe
 from kiteocp.physics.model import Model
@@ -146,9 +144,17 @@ def cycle_problem(structure: Structure, formulation: Formulation) -> OptimalCont
         Link("elevation at the end of the traction", retraction.start["elevation"] - builder.traction_end),
     ]
     p = builder.parameters
-    if "limits.stroke_min_m" in p:
-        stroke = traction.end["tether_length"] - traction.start["tether_length"]
-        links.append(Link("limits.stroke_min_m", stroke, p["limits.stroke_min_m"], np.inf, scale=SCALES["stroke"]))
+    links += [
+        Link(
+            limit.key,
+            phase.end["tether_length"] - phase.start["tether_length"],
+            *limit.bounds(p),
+            scale=SCALES["stroke"],
+        )
+        for limit in builder.limits
+        for phase in phases
+        if limit.quantity == "stroke" and phase.name in limit.phases
+    ]
     if formulation.speed_jumps == "limited":
         allowed = p["limits.reeling_acceleration_max_m_s2"] * p["limits.phase_change_time_s"]
         links += [
@@ -170,18 +176,10 @@ def cycle_problem(structure: Structure, formulation: Formulation) -> OptimalCont
     )
 
 
-#: Limits that most optima keep by themselves, by phase; the solver looks at them only after a first solution.
-DEFERRED: dict[str, tuple[str, ...]] = {
-    "retraction": ("tether_force_kite", "power", "height"),
-    "transition": ("power", "height"),
-    "traction": ("tether_force_ground", "height", "forward_airspeed_ratio"),
-}
-
-
-def deferred_rows(program: NonlinearProgram) -> list[int]:
-    """Return the rows that a first solution may leave out: rate limits and those of `DEFERRED`."""
+def deferred_rows(program: NonlinearProgram, structure: Structure) -> list[int]:
+    """Return the rows that a first solution may leave out: those of limits that are rarely active."""
     rows = list(program.find_rows(kind="rate"))
-    for phase, names in DEFERRED.items():
-        for name in names:
+    for phase in PHASES:
+        for name in rarely_active(structure, phase):
             rows += list(program.find_rows(phase=phase, kind="path", name=name))
     return sorted(int(row) for row in rows)

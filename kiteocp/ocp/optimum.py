@@ -9,13 +9,13 @@ from typing import Any
 
 import numpy as np
 
+from kiteocp.cycle.limits import Limit, limits_of
 from kiteocp.cycle.phases import PHASES, FlownPhase, PhaseName
 from kiteocp.cycle.schedule import SCHEDULED, Schedule, fly_schedule, record_on_schedule
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.ocp.collocation import continuous_nodes, radau_points
 from kiteocp.ocp.entries import Variable
 from kiteocp.ocp.formulation import SPEED_JUMP
-from kiteocp.ocp.limits import Limit, limits_of
 from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.nlpsolver import Solution
 from kiteocp.ocp.trajectory import PhaseTrajectory, Trajectory
@@ -29,9 +29,6 @@ SAMPLES = 121
 
 #: Samples of a mesh interval where limits are checked and found active.
 SAMPLES_OF_AN_INTERVAL = 20
-
-#: The limit of the slope of the reeling speed.
-ACCELERATION = "limits.reeling_acceleration_max_m_s2"
 
 
 @dataclass(frozen=True)
@@ -153,13 +150,13 @@ def active_limits(cycle: OptimalCycle) -> dict[str, list[dict[str, Any]]]:
     """
     values = cycle.values
     found: dict[str, list[dict[str, Any]]] = {}
-    for record in cycle.records:
+    # A rate changes within an interval of the mesh, however short that is.
+    for record, fine in zip(cycle.records, cycle.fine_records, strict=True):
         entries: list[dict[str, Any]] = [
             {"limit": limit.key, "value": values[limit.key], "share": share}
             for limit in cycle.limits
-            if (share := limit.share(record, values, ACTIVE_WITHIN)) is not None
+            if (share := limit.share(fine if limit.rate else record, values, ACTIVE_WITHIN)) is not None
         ]
-        entries += _rate_limits(cycle, record)
         entries += _jump_limit(cycle, record)
         # In thousandths: how many samples a single instant takes differs by rounding.
         found[record.name] = sorted(entries, key=lambda entry: -round(entry["share"], 3))
@@ -173,14 +170,6 @@ def _jump_limit(cycle: OptimalCycle, record: PhaseRecord) -> list[dict[str, Any]
     if cycle.jumps_limited and abs(jump["jump_m_s"]) >= (1 - ACTIVE_WITHIN) * jump["allowed_m_s"]:
         return [{"limit": key, "value": cycle.values[key], "share": 0.0}]
     return []
-
-
-def _rate_limits(cycle: OptimalCycle, record: PhaseRecord) -> list[dict[str, Any]]:
-    limit = cycle.values[ACCELERATION]
-    fine = cycle.fine_records[cycle.records.index(record)]
-    active = np.abs(fine.rate("reeling_speed")) >= (1 - ACTIVE_WITHIN) * limit
-    share = float(np.sum(np.diff(fine.time_s)[active]) / fine.duration_s)
-    return [{"limit": ACCELERATION, "value": limit, "share": share}] if share else []
 
 
 def speed_jumps(records: Sequence[PhaseRecord], values: ParameterValues) -> list[dict[str, Any]]:

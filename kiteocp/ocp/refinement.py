@@ -27,10 +27,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.polynomial import legendre
 
+from kiteocp.cycle.limits import path_limits
 from kiteocp.cycle.phases import PHASE_CHANGES
 from kiteocp.cycle.schedule import Schedule, schedule_functions
 from kiteocp.ocp.collocation import FloatArray, PhaseMesh, radau_points, radau_weights
-from kiteocp.ocp.limits import path_limits
 from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.nlpsolver import Solution
 from kiteocp.ocp.optimum import OptimalCycle

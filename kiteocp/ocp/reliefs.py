@@ -12,7 +12,7 @@ from kiteocp.ocp.formulation import Formulation, cycle_program
 from kiteocp.ocp.nlpsolver import Solution
 from kiteocp.ocp.trajectory import Trajectory
 from kiteocp.physics.parameters import ParameterValues, Structure
-from kiteocp.problem.catalogue import catalogue
+from kiteocp.problem.catalogue import limit_keys
 
 #: Wind speed upwards and downwards, beside the limits.
 WIND_UP, WIND_DOWN = "wind up", "wind down"
@@ -30,7 +30,7 @@ WIND_CAP_UP = 99.0
 @lru_cache(maxsize=16)
 def elastic_program(structure: Structure, formulation: Formulation) -> ElasticProgram:
     """Build (once) the elastic program of a structure: every limit and the wind speed may move."""
-    limits = [Relief(key, (i,)) for i, key in enumerate(structure.keys) if key.startswith("limits.")]
+    limits = [Relief(key, (i,)) for i, key in enumerate(structure.keys) if key in limit_keys()]
     wind = tuple(structure.keys.index(key) for key in wind_keys(structure))
     return ElasticProgram(
         cycle_program(structure, formulation), [*limits, Relief(WIND_UP, wind), Relief(WIND_DOWN, wind)]
@@ -46,7 +46,7 @@ def farthest(key: str, value: float) -> float:
     """Largest relative move of a limit in its loosening direction that a problem file may hold."""
     if loosening(key) < 0:
         return CAP_DOWN if value > 0 else 0.0
-    bounds = next(entry.bounds for entry in catalogue().walk() if entry.path == key)
+    bounds = limit_keys()[key].bounds
     highest = bounds.get("le", 0.999 * bounds.get("lt", np.inf))
     return min(CAP_UP, highest / value - 1) if value > 0 else CAP_UP
 

@@ -66,7 +66,7 @@ def search(values: ParameterValues, formulation: Formulation, options: tuple[tup
 def cycle_solver(structure: Structure, formulation: Formulation, options: tuple[tuple[str, Any], ...] = ()) -> Solver:
     """Build (once) the solver of a structure, for any numbers."""
     program = cycle_program(structure, formulation)
-    return Solver(program, dict(options), deferred=deferred_rows(program))
+    return Solver(program, dict(options), deferred=deferred_rows(program, structure))
 
 
 def solver_options(problem: Problem) -> tuple[tuple[str, Any], ...]:

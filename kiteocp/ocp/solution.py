@@ -115,7 +115,7 @@ class MeshSolution:
         else:
             # No other problem will ask for this mesh again: it is not kept.
             program = transcribe(cycle_problem(values.structure, formulation), formulation.mesh)
-            solver = Solver(program, dict(options), deferred=deferred_rows(program))
+            solver = Solver(program, dict(options), deferred=deferred_rows(program, values.structure))
         start = solver.program.pack(self.solver.program.unpack(self.solution.x, values.vector))
         solution = solver.solve(start, values.vector, near=True)
         if not solution.success:

@@ -6,12 +6,13 @@ the energy counts otherwise: what goes out as ``generator_efficiency`` of it, wh
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
-#: Rounding of the electrical power at zero, where generator and motor meet, W. It takes, at efficiencies of 0.9 and 0.8,
+#: Rounding of the electrical power at zero, where generator and motor meet, W. At efficiencies of 0.9 and 0.8 it takes
 #: 1.8 W off the power of a winch at rest, and a hundredth of that at 1 kW.
 ROUNDING_W = 10.0
 
@@ -56,9 +57,11 @@ def energy_moved(time_s: np.ndarray, power_W: np.ndarray, energy_J: np.ndarray) 
         mean = differences[index] / steps[index]
         bend = 3 * (first[index] + last[index]) - 6 * mean
         slope = last[index] - first[index] - bend
-        roots = np.roots([bend, slope, first[index]]) if bend else np.array([-first[index] / slope])
-        # Powers of two signs: exactly one root lies within the step.
-        (share,) = (root.real for root in roots if np.isreal(root) and 0 <= root.real <= 1)
+        # Powers of two signs have one root within the step. Of the two ways to write a root the second is the one that
+        # rounding leaves alone where there is hardly any bend.
+        half = -0.5 * (slope + math.copysign(math.sqrt(max(slope**2 - 4 * bend * first[index], 0.0)), slope))
+        roots = [over / under for over, under in ((half, bend), (first[index], half)) if abs(over) <= abs(under)]
+        share = next((root for root in roots if root >= 0), 0.0)
         before = steps[index] * share * (first[index] + share * (slope / 2 + share * bend / 3))
         moved[index] = abs(before) + abs(differences[index] - before)
     return float(np.sum(moved))

@@ -24,6 +24,7 @@ from kiteocp.plots.style import (
     style_axes,
     write_line,
 )
+from kiteocp.problem.catalogue import limit_keys
 from kiteocp.result import Result
 from kiteocp.result.table import mean_power_of
 
@@ -62,23 +63,28 @@ def _set_values(result: Result) -> Levels:
     }
 
 
+#: Panel to the quantity that its limits bound.
+_LIMITED = {
+    "length": "tether_length",
+    "speed": "reeling_speed",
+    "force": "tether_force",
+    "power": "power",
+    "elevation": "elevation",
+}
+
+
 def _limits(result: Result) -> Levels:
     """Return the levels an optimal cycle respects, by panel."""
-    limits = result.problem.limits
-    motor = limits.motor_power_max_W
-    return {
-        "length": [(limits.tether_length_min_m, "minimum"), (limits.tether_length_max_m, "maximum")],
-        "speed": [
-            (-limits.reel_in_speed_max_m_s, "reel-in limit"),
-            (limits.reel_out_speed_max_m_s, "reel-out limit"),
-        ],
-        "force": [(limits.tether_force_min_N, "minimum"), (limits.tether_force_max_N, "maximum")],
-        "power": [
-            (limits.generator_power_max_W, "generator limit"),
-            (None if motor is None else -motor, "motor limit"),
-        ],
-        "elevation": [(limits.elevation_max_deg, "maximum"), (limits.traction_elevation_min_deg, "minimum")],
-    }
+    levels: Levels = {panel: [] for panel in _LIMITED}
+    for panel, quantity in _LIMITED.items():
+        for key in limit_keys().values():
+            row = key.limit
+            if row is None or row.quantity != quantity or row.rate:
+                continue
+            value = getattr(result.problem.limits, key.name)
+            called = row.level or ("minimum" if "_min_" in key.name else "maximum")
+            levels[panel].append((-value if value is not None and row.measure == "opposite" else value, called))
+    return levels
 
 
 def _compose(

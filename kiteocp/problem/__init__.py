@@ -4,9 +4,10 @@
 """
 
 from kiteocp.problem.json_schema import json_schema
+from kiteocp.problem.limits import Limits
 from kiteocp.problem.overrides import parse_override
 from kiteocp.problem.problem import Origin, Problem, load_problem, problem_from_dict
-from kiteocp.problem.settings import Limits, Machine, Mesh, Operation, Optimisation
+from kiteocp.problem.settings import Machine, Mesh, Operation, Optimisation
 from kiteocp.problem.shipped import problem_path, shipped_problems
 from kiteocp.problem.system import (
     Aerodynamics,

@@ -15,6 +15,7 @@ import msgspec
 from msgspec import inspect
 
 from kiteocp.problem.layout import ProblemLayout
+from kiteocp.problem.limits import LimitRow
 
 Kind = Literal["section", "variants", "mapping", "number", "integer", "text", "list"]
 
@@ -47,6 +48,8 @@ class Key:
         ``gt``, ``ge``, ``lt``, ``le``; of the entries for a list.
     choices : tuple of str
         The allowed words, where a text is a choice.
+    limit : LimitRow, optional
+        What a number of ``limits`` bounds.
     """
 
     path: str
@@ -66,6 +69,7 @@ class Key:
     tag_field: str = ""
     variants: Mapping[str, Key] = field(default_factory=dict)
     entry: Key | None = None
+    limit: LimitRow | None = None
 
     @property
     def name(self) -> str:
@@ -95,6 +99,12 @@ def catalogue() -> Key:
 
 
 @cache
+def limit_keys() -> dict[str, Key]:
+    """Return the numbers of ``limits`` by key path, in the order of the file."""
+    return {key.path: key for key in catalogue().walk() if key.limit is not None}
+
+
+@cache
 def known_paths() -> tuple[str, ...]:
     """Return the path of every key, each once, in the order of the file."""
     return tuple(dict.fromkeys(key.path for key in catalogue().walk() if key.path))
@@ -107,6 +117,7 @@ def _key(path: str, kind: inspect.Type, **facts: Any) -> Key:
             facts.setdefault("meaning", schema.get("description", ""))
             facts.setdefault("unit", schema.get("unit", ""))
             facts.setdefault("derived", extra.get("derived"))
+            facts.setdefault("limit", extra.get("limit"))
             kind = kind.type
         elif isinstance(kind, inspect.UnionType) and not _is_struct_union(kind):
             facts["nullable"] = True

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any
 
+from kiteocp.problem.catalogue import limit_keys
 from kiteocp.problem.checking import Fail
 from kiteocp.problem.plausibility import implausible_values
 from kiteocp.problem.reading import show
@@ -37,10 +38,17 @@ class _Comparison:
         self.content, self.given, self.fail = content, given, fail
 
     def value(self, path: str) -> float:
+        return float(self._found(path))
+
+    def absent(self, path: str) -> bool:
+        """Whether a limit is null."""
+        return self._found(path) is None
+
+    def _found(self, path: str) -> Any:
         block: Any = self.content
         for part in path.split("."):
             block = block[part]
-        return float(block)
+        return block
 
     def named(self, path: str) -> str:
         block: Any = self.given
@@ -80,22 +88,24 @@ def check_consistency(content: Block, given: Block, fail: Fail) -> None:
         ("limits.tether_length_min_m", "limits.tether_length_max_m"),
     ):
         comparison.ordered(low, high)
-    for low, high in (
-        ("limits.tether_force_min_N", "limits.tether_force_max_N"),
-        ("limits.height_min_m", "limits.height_max_m"),
-        ("limits.traction_elevation_min_deg", "limits.traction_elevation_max_deg"),
-        ("limits.traction_elevation_min_deg", "limits.elevation_max_deg"),
-        ("limits.kinematic_ratio_min", "limits.kinematic_ratio_max"),
-        ("limits.traction_course_min_deg", "limits.traction_course_max_deg"),
-        ("limits.power_setting_min", "limits.power_setting_max"),
-        ("limits.retraction_duration_min_s", "limits.phase_duration_max_s"),
-        ("limits.transition_duration_min_s", "limits.phase_duration_max_s"),
-        ("limits.traction_duration_min_s", "limits.phase_duration_max_s"),
-    ):
-        comparison.ordered(low, high, equal=True)
+    for low, high in _ranges():
+        if not (comparison.absent(low) or comparison.absent(high)):
+            comparison.ordered(low, high, equal=True)
     _check_reach(content["limits"], fail)
     _check_wind(content, fail)
     check_uncertainty(content, fail)
+
+
+def _ranges() -> list[tuple[str, str]]:
+    """Return each two limits between which a quantity must have room."""
+    rows = {path: key.limit for path, key in limit_keys().items() if key.limit is not None and key.limit.quantity}
+    lower = {path: row for path, row in rows.items() if "_min_" in f"{path}_"}
+    return [
+        (low, high)
+        for low, row in lower.items()
+        for high, other in rows.items()
+        if high not in lower and (other.quantity, other.measure) == (row.quantity, row.measure)
+    ]
 
 
 def _check_reach(limits: Block, fail: Fail) -> None:
@@ -187,27 +197,27 @@ def _limit_warnings(content: Block) -> list[str]:
     shortest, longest = operation["tether_length_min_m"], operation["tether_length_max_m"]
     sine = math.sin(math.radians(traction["elevation_deg"]))
     found = []
-    for what, value, low, high in (
-        ("operation.tether_length_min_m", shortest, "tether_length_min_m", None),
-        ("operation.tether_length_max_m", longest, None, "tether_length_max_m"),
-        ("operation.retraction.tether_force_N", retraction["tether_force_N"], "tether_force_min_N", None),
-        ("operation.traction.tether_force_N", traction["tether_force_N"], None, "tether_force_max_N"),
-        (
-            "operation.traction.elevation_deg",
-            traction["elevation_deg"],
-            "traction_elevation_min_deg",
-            "traction_elevation_max_deg",
-        ),
-        ("the prescribed altitude in m at the start of traction", shortest * sine, "height_min_m", None),
-        ("the prescribed altitude in m at the end of traction", longest * sine, None, "height_max_m"),
-        ("the prescribed stroke in m", longest - shortest, "stroke_min_m", None),
+    for what, value, quantity, side in (
+        ("operation.tether_length_min_m", shortest, "tether_length", "_min_"),
+        ("operation.tether_length_max_m", longest, "tether_length", "_max_"),
+        ("operation.retraction.tether_force_N", retraction["tether_force_N"], "tether_force", "_min_"),
+        ("operation.traction.tether_force_N", traction["tether_force_N"], "tether_force", "_max_"),
+        ("operation.traction.elevation_deg", traction["elevation_deg"], "elevation", "_min_"),
+        ("operation.traction.elevation_deg", traction["elevation_deg"], "elevation", "_max_"),
+        ("the prescribed altitude in m at the start of traction", shortest * sine, "height", "_min_"),
+        ("the prescribed altitude in m at the end of traction", longest * sine, "height", "_max_"),
+        ("the prescribed stroke in m", longest - shortest, "stroke", "_min_"),
     ):
-        for word, name, sign in (("below", low, 1.0), ("above", high, -1.0)):
-            limit = None if name is None else limits[name]
+        for path, key in limit_keys().items():
+            row = key.limit
+            if row is None or row.quantity != quantity or side not in path or "traction" not in row.phases:
+                continue
+            limit, sign = limits[key.name], 1.0 if side == "_min_" else -1.0
             if limit is not None and sign * (limit - value) > 0:
+                word = "below" if side == "_min_" else "above"
                 found.append(
-                    f"{what} ({value:.6g}) is {word} limits.{name} ({show(limit)}); the prescribed cycle lies outside "
-                    "the limits of the optimal one"
+                    f"{what} ({value:.6g}) is {word} {path} ({show(limit)}); the prescribed cycle lies outside the "
+                    "limits of the optimal one"
                 )
     return found
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 from msgspec import Meta
 
 #: Suffixes of key names that are units, the longest first so that ``_m_s`` is not taken for ``_s``.
 UNIT_SUFFIXES = ("_kg_m3", "_m_s2", "_deg_s", "_m_s", "_deg", "_kg", "_m2", "_N", "_W", "_m", "_s")
+
+#: Where a tether force acts.
+ForcePlace = Literal["kite", "ground"]
 
 _FOREIGN_UNITS_TEXT = (
     "mm cm km m ft in g t lb kg rad deg n kn dan lbf kgf w kw mw s ms min h m_s km_h kmh knots kts mph m2 cm2 mm2 ft2 "
@@ -17,7 +20,7 @@ _FOREIGN_UNITS_TEXT = (
 FOREIGN_UNITS = frozenset(_FOREIGN_UNITS_TEXT.split())
 
 
-def quantity(unit: str, meaning: str, *, derived: str | None = None, **bounds: Any) -> Meta:
+def quantity(unit: str, meaning: str, *, derived: str | None = None, limit: Any = None, **bounds: Any) -> Meta:
     """Describe a number of the problem file.
 
     Parameters
@@ -28,10 +31,12 @@ def quantity(unit: str, meaning: str, *, derived: str | None = None, **bounds: A
         What the number is, in a phrase.
     derived : str, optional
         How the default follows from other keys; a key without this and without a default is mandatory.
+    limit : LimitRow, optional
+        What a limit bounds (`kiteocp.problem.limits`).
     **bounds
         ``gt``, ``ge``, ``lt``, ``le`` of `msgspec.Meta`.
     """
-    return _meta(meaning, derived, {"unit": unit}, bounds)
+    return _meta(meaning, derived, {"unit": unit}, bounds, limit=limit)
 
 
 def text(meaning: str, **bounds: Any) -> Meta:
@@ -44,5 +49,5 @@ def section(meaning: str, *, derived: str | None = None) -> Meta:
     return _meta(meaning, derived, {}, {})
 
 
-def _meta(meaning: str, derived: str | None, schema: dict[str, Any], bounds: dict[str, Any]) -> Meta:
-    return Meta(description=meaning, extra_json_schema=schema, extra={"derived": derived}, **bounds)
+def _meta(meaning: str, derived: str | None, schema: dict[str, Any], bounds: dict[str, Any], **extra: Any) -> Meta:
+    return Meta(description=meaning, extra_json_schema=schema, extra={"derived": derived, **extra}, **bounds)

@@ -8,7 +8,8 @@ import msgspec
 from msgspec import Struct
 
 from kiteocp.problem.fields import section, text
-from kiteocp.problem.settings import Limits, Machine, Operation, Optimisation
+from kiteocp.problem.limits import Limits
+from kiteocp.problem.settings import Machine, Operation, Optimisation
 from kiteocp.problem.system import Environment, Kite, Tether
 from kiteocp.problem.uncertainty import Uncertainty
 

@@ -24,9 +24,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from kiteocp.cycle.limits import path_limits
 from kiteocp.cycle.phases import PHASE_CHANGES, PhaseName
 from kiteocp.cycle.schedule import schedule_functions
-from kiteocp.ocp.limits import path_limits
 from kiteocp.physics.equilibrium import OUTPUTS
 from kiteocp.physics.parameters import ParameterValues, parameter_values
 from kiteocp.problem import Problem

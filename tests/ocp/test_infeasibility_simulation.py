@@ -7,9 +7,10 @@ import json
 import pytest
 
 from kiteocp import load_problem
-from kiteocp.cycle.remedies import ACCURACY, explain_simulation, listed, rounded
+from kiteocp.cycle.remedies import ACCURACY, explain_simulation
 from kiteocp.cycle.simulation import simulate
 from kiteocp.errors import CycleError
+from kiteocp.report.words import listed, rounded
 
 WIND = "environment.wind.reference_speed_m_s"
 

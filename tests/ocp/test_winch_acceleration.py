@@ -15,9 +15,11 @@ from numpy.polynomial import Polynomial
 from kiteocp.cli.main import main
 from kiteocp.ocp.collocation import PhaseMesh, continuous_nodes, slope_bounds_matrix
 from kiteocp.ocp.cycle_checks import MARGIN_TOLERANCE, limit_margins
-from kiteocp.ocp.optimum import ACCELERATION, active_limits
+from kiteocp.ocp.optimum import active_limits
 from kiteocp.ocp.solution import optimise
 from kiteocp.problem import load_problem
+
+ACCELERATION = "limits.reeling_acceleration_max_m_s2"
 
 #: A winch that needs a quarter of an hour from rest to full speed, and cycles so short that it never rests.
 SLOW_WINCH = {

@@ -9,9 +9,11 @@ import numpy as np
 from kiteocp.analysis.flights.cleaning import FloatArray
 from kiteocp.analysis.flights.data import FlightData
 from kiteocp.analysis.flights.measured import MeasuredCycle, model_lengths
-from kiteocp.cycle import simulate
+from kiteocp.cycle.limits import limits_of
 from kiteocp.cycle.phases import PHASE_CHANGES
+from kiteocp.cycle.simulation import fly, record_of
 from kiteocp.errors import CycleError, NoEquilibriumError
+from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem
 
 #: A mean state holds no peak of a figure of eight: force and elevation of the traction are averaged over so many s.
@@ -91,29 +93,20 @@ def widened(
     optimum needs it too: it becomes the time of the phase changes.
     """
     wide = dict(limits)
+    values = parameter_values(problem)
     try:
-        cycle = simulate(problem)
+        flown = fly(values)
     except (CycleError, NoEquilibriumError):
         return problem, wide
-    for key, channel, sign in (
-        ("tether_force_min_N", "tether_force_ground_N", -1),
-        ("tether_force_max_N", "tether_force_ground_N", 1),
-        ("reel_in_speed_max_m_s", "-reeling_speed_m_s", 1),
-        ("reel_out_speed_max_m_s", "reeling_speed_m_s", 1),
-        ("generator_power_max_W", "power_W", 1),
-        ("motor_power_max_W", "-power_W", 1),
-        ("height_min_m", "height_m", -1),
-        ("height_max_m", "height_m", 1),
-        ("tether_length_min_m", "tether_length_m", -1),
-        ("tether_length_max_m", "tether_length_m", 1),
-        ("elevation_max_deg", "elevation_deg", 1),
-    ):
-        values = cycle[channel.removeprefix("-")] * (-1.0 if channel.startswith("-") else 1.0)
-        reached = float(np.max(sign * values)) * sign
-        path = f"limits.{key}"
-        if sign * reached > sign * wide[path]:
-            wide[path] = reached * (1.0 + sign * WIDER)
-    lost = float(np.mean([c.duration_s for c in cycles])) - float(cycle.cycle["duration_s"] or 0.0)
+    for limit in limits_of(values.structure):
+        if limit.key not in wide or limit.key.startswith("limits.traction_elevation"):
+            continue
+        for record in (record_of(values, phase) for phase in flown):
+            reached = limit.reached(record)
+            side = -1 if "_min_" in limit.key else 1
+            if reached is not None and side * reached > side * wide[limit.key]:
+                wide[limit.key] = reached * (1.0 + side * WIDER)
+    lost = float(np.mean([c.duration_s for c in cycles])) - sum(phase.duration_s for phase in flown)
     wide["limits.phase_change_time_s"] = max(lost, 0.0) / PHASE_CHANGES
     elevation = problem.operation.traction.elevation_deg
     wide["limits.traction_elevation_min_deg"] = min(wide["limits.traction_elevation_min_deg"], elevation - ROOM_DEG)

@@ -13,7 +13,7 @@ from kiteocp.analysis.flights.optimum import LEFT_OUT, VARYING, largest
 from kiteocp.analysis.flights.predictions import CLOSE, Prediction
 from kiteocp.analysis.flights.reasons import LAW_WORDS, QUANTITY_WORDS, reasons
 from kiteocp.analysis.flights.study import FlightStudy
-from kiteocp.cycle.remedies import listed
+from kiteocp.report.words import listed
 
 
 @dataclass(frozen=True)

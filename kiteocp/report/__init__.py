@@ -1,0 +1,1 @@
+"""From numbers to words, for any study; nothing here knows of kites."""
