@@ -18,7 +18,7 @@ import kiteocp
 PACKAGE = Path(kiteocp.__file__).parent
 ROOT = PACKAGE.parent
 #: Each may import only from itself and those before it.
-ROOMS = ("errors", "execution", "problem", "result", "physics", "cycle", "ocp", "analysis", "plots", "cli")
+ROOMS = ("errors", "execution", "report", "problem", "result", "physics", "cycle", "ocp", "analysis", "plots", "cli")
 HEAVY = ("casadi", "matplotlib", "numpy", "scipy")
 MODULES = sorted(path for path in PACKAGE.rglob("*.py") if path.parent != PACKAGE or path.stem in ROOMS)
 
