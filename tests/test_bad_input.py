@@ -6,10 +6,13 @@ import contextlib
 import json
 import os
 import random
+import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -226,6 +229,60 @@ def test_the_origin_of_a_problem_cannot_be_changed() -> None:
     problem.origin.given["kite"]["mass_kg"] = 999.0
     assert problem.origin.given["kite"]["mass_kg"] == 15.0
     assert problem.with_values({"tether.diameter_m": 0.005}).kite.mass_kg == 15.0
+
+
+@pytest.fixture(scope="module")
+def simulated_result(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    directory = tmp_path_factory.mktemp("simulated")
+    kiteocp.simulate(kiteocp.load_problem("v3-kite")).save(directory)
+    return directory
+
+
+def _summary_with(change: Callable[[dict[str, Any]], object]) -> Callable[[Path], None]:
+    def spoil(directory: Path) -> None:
+        path = directory / "summary.json"
+        content = json.loads(path.read_text())
+        change(content)
+        path.write_text(json.dumps(content))
+
+    return spoil
+
+
+def _rows_of_csv(keep: Callable[[list[list[str]]], list[list[str]]]) -> Callable[[Path], None]:
+    def spoil(directory: Path) -> None:
+        path = directory / "timeseries.csv"
+        rows = [line.split(",") for line in path.read_text().splitlines()]
+        path.write_text("".join(",".join(row) + "\n" for row in keep(rows)))
+
+    return spoil
+
+
+@pytest.mark.parametrize(
+    ("spoil", "words"),
+    [
+        (_summary_with(lambda s: s["cycle"].update(energy_J={})), "energy_J of cycle is no number"),
+        (_summary_with(lambda s: s["phases"]["traction"].update(energy_J=[1])), "energy_J of traction is no number"),
+        (_rows_of_csv(lambda rows: [row[:2] + row[3:] for row in rows]), "no channel 'tether_length_m'"),
+        (_rows_of_csv(lambda rows: rows[:1]), "fewer than two rows"),
+        (_rows_of_csv(lambda rows: rows[:2]), "fewer than two rows"),
+        (_summary_with(lambda s: s.update(active_limits={"traction": [{"share": 0.5}]})), "is not a complete result"),
+    ],
+)
+def test_a_spoilt_result_is_not_drawn_and_says_why(
+    simulated_result: Path,
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    spoil: Callable[[Path], None],
+    words: str,
+) -> None:
+    directory = tmp_path / "spoilt"
+    shutil.copytree(simulated_result, directory)
+    spoil(directory)
+    assert main(["plot", str(directory)]) == 2
+    error = capsys.readouterr().err
+    assert words in error
+    assert error.count("\n") == 1
+    assert not list(directory.glob("*.png"))
 
 
 def test_plots_need_no_import_of_their_own() -> None:

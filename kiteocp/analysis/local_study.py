@@ -67,12 +67,11 @@ class LocalStudy:
         """
         method = method_of(optimum.solver.program)
         keys, directions = optimum.values.structure.keys, key_directions(optimum.problem)
+        sharp = _sharp(optimum, method)
         try:
-            active = method.active_set_of(optimum.solution)
-            sharp = method.settle(optimum.solution, active, optimum.values.vector)
             derivatives = method.derivatives(sharp, directions)
         except ActiveSetError as error:
-            raise SolveError(f"the optimum cannot be differentiated: {error}; change a number slightly") from None
+            raise _not_differentiable(error) from None
         return cls(optimum, method, sharp, keys, directions, derivatives)
 
     def _in_watts(self, objective: Any) -> Any:
@@ -133,6 +132,25 @@ class LocalStudy:
         except ValueError:
             return None  # the change crosses two bounds
         return float(self._in_watts(solution.f)) if solution.success else None
+
+
+def _sharp(optimum: Optimum, method: ActiveSetMethod) -> SharpSolution:
+    """Solve the optimum on its active set, once more by IPOPT where it is not clear which bounds press."""
+    solution, p = optimum.solution, optimum.values.vector
+    try:
+        return method.settle(solution, method.active_set_of(solution), p)
+    except ActiveSetError:
+        decided = optimum.solver.solve(solution.x, p, warm=solution, deciding=True)
+        if not decided.success:
+            decided = solution
+    try:
+        return method.settle(decided, method.active_set_of(decided), p)
+    except ActiveSetError as error:
+        raise _not_differentiable(error) from None
+
+
+def _not_differentiable(error: ActiveSetError) -> SolveError:
+    return SolveError(f"the optimum cannot be differentiated: {error}; change a number slightly")
 
 
 def key_directions(problem: Problem) -> FloatArray:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from kiteocp.cli.output import say
 from kiteocp.cli.parser import add_picture_format
+from kiteocp.errors import InputError
 
 NAME = "plot"
 HELP = "draw a saved result again"
@@ -29,6 +30,12 @@ def run(arguments: argparse.Namespace) -> int:
     output = Path(arguments.output if arguments.output is not None else arguments.directory)
     from kiteocp.plots import draw  # noqa: PLC0415  (matplotlib only once there is something to draw)
 
-    written = draw(result, output, arguments.formats or ("png",))
+    try:
+        written = draw(result, output, arguments.formats or ("png",))
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
+        # All that is drawn was read from files, which somebody may have changed.
+        raise InputError(
+            f"{arguments.directory}: is not a complete result ({error}); run the calculation again"
+        ) from error
     say("written: " + ", ".join(str(path) for path in written))
     return 0

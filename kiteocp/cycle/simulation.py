@@ -11,7 +11,7 @@ import numpy as np
 from kiteocp.cycle.finite_difference import characteristic_time, finite_difference_phase
 from kiteocp.cycle.integrator import IntegrationError, Integrator
 from kiteocp.cycle.laws import PHASE_ENDS, Equilibrium, cycle_start, next_start, phase_functions
-from kiteocp.cycle.limits import limits_of
+from kiteocp.cycle.limits import Limit, limits_of
 from kiteocp.cycle.phases import KINDS, PHASES, FlownPhase, PhaseName
 from kiteocp.cycle.summary import (
     PhaseRecord,
@@ -111,6 +111,7 @@ def simulate(
         phase_change_time_s=phase_change_time_s,
     )
     told = problem.warnings()
+    left = [limit.key for limit in limits_of(values.structure) if _worst(limit, records, values)[0] < -LEFT_BY]
     integration = {
         "scheme": "adaptive" if time_step is None else "finite-difference",
         "time_step": time_step,
@@ -126,7 +127,7 @@ def simulate(
         phases=phases,
         cycle=dict(cycle),
         channels=channels_of(records, values, phase_change_time_s),
-        details={"simulation": integration},
+        details={"simulation": integration, "outside_limits": left},
     )
 
 
@@ -263,6 +264,12 @@ def _held_state(values: ParameterValues, name: PhaseName, length: float, elevati
     return solve_state(values, place, f"tether_force_{reference}", force)
 
 
+def _worst(limit: Limit, records: Sequence[PhaseRecord], values: ParameterValues) -> tuple[float, PhaseRecord]:
+    """Return the smallest margin of a limit and the phase it is in; zero where none has the quantity."""
+    margins = [(margin, r) for r in records if (margin := limit.margin(r, values)) is not None]
+    return min(margins, key=lambda pair: pair[0], default=(0.0, records[0]))
+
+
 def limit_warnings(records: Sequence[PhaseRecord], values: ParameterValues, told: Sequence[str]) -> list[str]:
     """Report where a flown cycle leaves the limits of the problem; it is flown all the same.
 
@@ -270,16 +277,15 @@ def limit_warnings(records: Sequence[PhaseRecord], values: ParameterValues, told
     """
     warnings = []
     for limit in limits_of(values.structure):
-        margins = [limit.margin(record, values) for record in records]
-        worst, index = min(((margin, i) for i, margin in enumerate(margins) if margin is not None), default=(0.0, 0))
+        worst, record = _worst(limit, records, values)
         if worst >= -LEFT_BY or any(f"{limit.key} (" in text for text in told):
             continue
         unit = "" if limit.row.unit == "1" else f" {limit.row.unit}"
-        reached = limit.reached(records[index])
+        reached = limit.reached(record)
         assert reached is not None
         needs = limit.row.needs.format(rounded(reached, up=reached > values[limit.key]))
         warnings.append(
             f"the prescribed cycle is outside {limit.key} ({values[limit.key]:g}{unit}): it needs {needs} in the "
-            f"{records[index].name}"
+            f"{record.name}"
         )
     return warnings

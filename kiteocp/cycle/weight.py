@@ -20,6 +20,7 @@ from kiteocp.cycle.remedies import in_wind, wind_text
 from kiteocp.physics.equilibrium import weight_share_flying_up
 from kiteocp.physics.model import Model
 from kiteocp.physics.parameters import ParameterValues, Structure, parameters_of
+from kiteocp.physics.tether import tether_mass
 from kiteocp.report.words import rounded
 
 #: Points over height, tether length, angle of the force, and power setting where that is free. The share is smooth in
@@ -83,14 +84,20 @@ def uncarried_weight(values: ParameterValues, power_setting: str) -> UncarriedWe
     faster = _least(lambda factor: carried_share(values.replaced({REEL_IN: factor * speed}), free=free))
     reel_in = None if faster is None else faster * speed
     mass, area = values["kite.mass_kg"], values["kite.projected_area_m2"]
+    tether = float(
+        tether_mass(values["limits.tether_length_min_m"], values["tether.diameter_m"], values["tether.density_kg_m3"])
+    )
+    heavy = f"the kite is too heavy ({mass:g} kg, {mass / area:.3g} kg/m2)"
+    if tether > mass:
+        heavy = f"the tether is too heavy ({tether:.3g} kg at its shortest, the kite {mass:g} kg)"
     needs = [] if wind is None else [wind_text(values, wind)]
     needs += [] if reel_in is None else [f"{REEL_IN} of {rounded(reel_in, up=True)}"]
-    takes = f"; it takes at least {', or '.join(needs)}" if needs else ""
+    takes = f"; to carry it, and more to fly a cycle, takes {', or '.join(needs)}" if needs else ""
     how = "at any power setting" if free else "depowered"
     return UncarriedWeight(
-        f"no cycle can be flown: with {wind_text(values, 1.0)} the kite is too heavy ({mass:g} kg, {mass / area:.3g} "
-        f"kg/m2): in the retraction, {how} and reeled in at {speed:g} m/s, the air carries at most {100 * share:.2g} % "
-        f"of the weight of kite and tether, at any height and tether length within the limits{takes}",
+        f"no cycle can be flown: with {wind_text(values, 1.0)} {heavy}: in the retraction, {how} and reeled in at "
+        f"{speed:g} m/s, the air carries at most {100 * share:.2g} % of the weight of kite and tether, at any height "
+        f"and tether length within the limits{takes}",
         share,
         wind,
         reel_in,

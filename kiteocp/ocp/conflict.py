@@ -114,7 +114,7 @@ def sentence_of(
             cannot.append(f"keep {len(conflict) - NAMED} more of its limits")
         what = f"the kite cannot {listed(cannot, 'and')}{_place(conflict)}"
     else:
-        what = "the kite cannot fly a cycle however far its limits are relaxed"
+        what = "no relaxation of the limits gives a cycle"
     alternatives = [
         (abs(c.relative_change), need_of(c.key, c.value, c.needed))
         for c in conflict
@@ -126,7 +126,12 @@ def sentence_of(
     if relaxation and not any(c.alone for c in conflict):
         together = listed([need_of(key, values[key], needed) for key, needed in relaxation.items()], "and")
         needs.append(f"{together} together")
-    remedy = f"smallest relaxation found: {listed(needs, 'or', always_comma=True)}" if needs else "no relaxation found"
+    if not needs:
+        remedy = "no relaxation found"
+    elif conflict:
+        remedy = f"smallest relaxation found: {listed(needs, 'or', always_comma=True)}"
+    else:
+        remedy = f"it takes {listed(needs, 'or', always_comma=True)}"
     return f"no cycle found: with {wind_text(values, 1.0)} {what}; {remedy}"
 
 

@@ -58,9 +58,17 @@ NEAR_IPOPT_OPTIONS: Mapping[str, Any] = {
 }
 """What changes when the start is near the solution but without multipliers: it is not pushed away from its bounds."""
 
+DECIDING_IPOPT_OPTIONS: Mapping[str, Any] = {"tol": 1e-12, "mu_min": 1e-15, "compl_inf_tol": 1e-12}
+"""What changes, beside a warm start, to tell bounds that press from those that do not.
 
-WATCHED_EVERY = 10
-"""Iterations between two looks whether the calculation was interrupted; they cost less than 1 % of a solution."""
+The barrier leaves slack times multiplier at some 1e-11. Where the optimum is so flat that multipliers are 1e-6, the
+slack is as large, and nobody can tell. With a product of 1e-15 one of the two is large.
+"""
+
+
+WATCHED_EVERY, WATCHED_VARIABLES = 10, 300
+"""Iterations between two looks whether the calculation was interrupted, in programs of so many variables at most; they
+cost less than 1 % of a solution. Iterations of larger programs take longer: there it is every one."""
 
 
 class _Watch(ca.Callback):
@@ -170,6 +178,10 @@ class Solver:
         return self._build("near_solver", {**self.options, **NEAR_IPOPT_OPTIONS})
 
     @cached_property
+    def _deciding(self) -> Any:
+        return self._build("deciding_solver", {**self.options, **WARM_IPOPT_OPTIONS, **DECIDING_IPOPT_OPTIONS})
+
+    @cached_property
     def _rows(self) -> Any:
         return ca.Function("rows", [self.program.x, self.program.p], [self.program.g])
 
@@ -181,7 +193,7 @@ class Solver:
         options: dict[str, Any] = {
             "ipopt": dict(ipopt),
             "iteration_callback": watch,
-            "iteration_callback_step": WATCHED_EVERY,
+            "iteration_callback_step": WATCHED_EVERY if nlp.x.numel() <= WATCHED_VARIABLES else 1,
             "print_time": False,
             "show_eval_warnings": False,
             "error_on_fail": False,
@@ -199,6 +211,7 @@ class Solver:
         pinned: Mapping[int, float] | None = None,
         *,
         near: bool = False,
+        deciding: bool = False,
     ) -> Solution:
         """Solve for one set of parameters.
 
@@ -214,6 +227,8 @@ class Solver:
             Variables held at a value (scaled as in the program), by index.
         near
             The start is close to a solution, as one on another mesh is: stay there.
+        deciding
+            With `warm`: go on until it is clear which bounds press (`DECIDING_IPOPT_OPTIONS`).
 
         Returns
         -------
@@ -239,7 +254,7 @@ class Solver:
         arguments = {"p": parameters, "lbx": lbx, "ubx": ubx}
         spent = 0
         if warm is not None:
-            solver = self._warm
+            solver = self._deciding if deciding else self._warm
             arguments |= {"x0": warm.x, "lam_x0": warm.lam_x, "lam_g0": warm.lam_g, "lbg": lbg, "ubg": ubg}
             result = solver(**arguments)
         elif near:

@@ -83,6 +83,7 @@ CHECKS = (
     Check("limits.tether_length_max_m", 10.0, 20000.0, "is it in km instead of m?"),
     Check("operation.traction.elevation_deg", 2.0, 90.0, "is it in rad instead of deg?"),
     Check("operation.traction.course_deg", 6.3, 360.0, "is it in rad instead of deg?", zero_is_meant=True),
+    Check("limits.traction_elevation_min_deg", 1.6, 90.0, "is it in rad instead of deg?"),
     Check("limits.traction_elevation_max_deg", 2.0, 90.0, "is it in rad instead of deg?"),
     Check("limits.elevation_max_deg", 3.2, 180.0, "is it in rad instead of deg?"),
 )

@@ -197,6 +197,12 @@ def _build(
     channels: dict[str, npt.NDArray[Any]],
     prescribed: Result | None,
 ) -> Result:
+    for part, numbers in (*summary["phases"].items(), ("cycle", summary["cycle"])):
+        for key, value in numbers.items():
+            if not isinstance(value, int | float | None):
+                raise ValueError(f"{key} of {part} is no number")
+    if channels and min(column.size for column in channels.values()) < 2:
+        raise ValueError("its time series has fewer than two rows")
     phases = {
         name: {key: value for key, value in phase.items() if value is not None}
         for name, phase in summary["phases"].items()

@@ -133,9 +133,11 @@ def _format_gain(result: Result, prescribed: Result) -> str:
         message = prescribed.details.get("message", f"its simulation is {prescribed.status}")
         return f"no comparison with the prescribed cycle: {message}"
     gain = f" ({100.0 * (power / reference - 1.0):+.1f} %)" if reference > 0.0 else ""
+    left = prescribed.details.get("outside_limits") or []
+    outside = f"; the prescribed cycle is outside {', '.join(left)}" if left else ""
     return (
         f"{title.replace('power', 'cycle power')} {power / 1e3:.2f} kW, prescribed {reference / 1e3:.2f} kW: "
-        f"{(power - reference) / 1e3:+.2f} kW{gain}"
+        f"{(power - reference) / 1e3:+.2f} kW{gain}{outside}"
     )
 
 

@@ -316,6 +316,56 @@ def test_a_map_that_contradicts_itself_is_named(tmp_path: Path, old: str, new: s
     assert read_figure(tmp_path).warnings == ()
 
 
+@pytest.mark.parametrize(
+    ("factor", "part"),
+    [
+        (1.0, None),
+        (9.80665, "is on the whole"),
+        (0.001, "correct unit or sign of tether_force, reeling_speed or mechanical_power"),
+        (-1.0, "has the opposite sign of ground_tether_force times ground_tether_reelout_speed"),
+    ],
+)
+def test_a_power_in_another_unit_is_told_from_another_power(tmp_path: Path, factor: float, part: str | None) -> None:
+    """As in the open data the recorded power is 1.1 times force times speed in reel-out and 2.3 times in reel-in."""
+
+    def spoil(rows: Rows) -> None:
+        for row in rows:
+            product = 9.80665 * row["ground_tether_force"] * row["ground_tether_reelout_speed"]
+            row["ground_mech_power"] = factor * (1.1 if product > 0 else 2.3) * product
+
+    found = read_figure(tmp_path, spoil)
+    if part is None:
+        assert found.warnings == ()
+        assert any("1.1 times it in the traction and 2.3 times it in the retraction" in note for note in found.notes)
+    else:
+        assert part in " ".join(found.warnings)
+
+
+def test_the_course_tells_a_wrong_azimuth_where_there_is_no_velocity(tmp_path: Path) -> None:
+    text = shipped_columns()["kitepower"].read_text()
+    lines = [line for line in text.splitlines() if not line.startswith("velocity:")]
+    start, end = lines.index("position:"), next(i for i, line in enumerate(lines) if line.startswith("course:"))
+    lines[start:end] = [
+        "position:",
+        "  frame: spherical",
+        "  distance: {column: kite_distance, unit: m}",
+        "  elevation: {column: kite_elevation, unit: rad}",
+        "  azimuth: {column: kite_azimuth, unit: rad, sense: counter-clockwise, zero_bearing_deg: 30}",
+    ]
+    path = tmp_path / "map.yaml"
+    path.write_text("\n".join(lines))
+
+    def spoil(rows: Rows) -> None:
+        for row in rows:
+            place = np.array([row["kite_pos_east"], row["kite_pos_north"], row["kite_height"]])
+            row["kite_distance"] = float(np.linalg.norm(place))
+            row["kite_elevation"] = float(np.arcsin(row["kite_height"] / row["kite_distance"]))
+
+    warnings = " ".join(read_figure(tmp_path, spoil, columns=str(path)).warnings)
+    assert "kite_course contradicts the motion of the position" in warnings
+    assert "correct course.sense, or position.azimuth.sense" in warnings
+
+
 def test_whole_seconds_the_ground_and_other_levels(tmp_path: Path) -> None:
     """Ten samples a second with the time in whole seconds, the first minute on the ground, another depower tape."""
 

@@ -122,6 +122,19 @@ def test_a_transition_at_its_shortest_is_an_active_limit_with_a_price(short_tran
     assert free.cycle["mean_power_W"] / result.cycle["mean_power_W"] - 1 == pytest.approx(0.0058, abs=0.0003)
 
 
+def test_an_optimum_so_flat_that_the_barrier_hides_its_limits_has_prices(short_transition: Problem) -> None:
+    """The multipliers of the force in 0.2 s of transition are 1e-6: as small as the slacks that the barrier leaves."""
+    result = sensitivities(short_transition, intervals=False)
+    prices = {row["key"]: row for row in result.details["shadow_prices"]}
+    slope = prices["limits.transition_duration_min_s"]["derivative"]
+    powers = [
+        optimise(short_transition.with_values({"limits.transition_duration_min_s": value})).mean_power_W
+        for value in (0.19, 0.21)
+    ]
+    # The powers are known to 1e-8 of themselves on one mesh, and the slope is that of the finest.
+    assert slope == pytest.approx((powers[1] - powers[0]) / 0.02, rel=1e-2)
+
+
 def test_the_price_of_a_shortest_phase_is_said() -> None:
     key = "limits.transition_duration_min_s"
     result = sensitivities(load_problem("v3-kite", {key: 10.0}), intervals=False)

@@ -84,6 +84,11 @@ def test_new_limits_warn_of_a_prescribed_cycle() -> None:
     assert any(f"outside {SLOWEST} (3 m/s): it needs a" in text for text in warnings)
 
 
+def test_a_comparison_says_what_the_prescribed_cycle_leaves() -> None:
+    text = str(solve(load_problem("v3-kite", {"limits.traction_duration_min_s": 200.0}), certificate="quick"))
+    assert "; the prescribed cycle is outside limits.traction_duration_min_s" in text
+
+
 def test_a_range_without_room_is_refused() -> None:
     with pytest.raises(InputError, match=r"reel_out_speed_min_m_s \(9\) is greater than limits\.reel_out"):
         load_problem("v3-kite", {SLOWEST: 9.0, "limits.reel_out_speed_max_m_s": 8.0})

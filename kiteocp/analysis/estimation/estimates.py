@@ -93,6 +93,7 @@ class Estimation:
             "cycles": list(self.flight.cycles()),
             "samples": len(self.flight),
             "repaired_or_dropped_in_reading": dict(self.flight.counts),
+            "notes": list(self.flight.notes),
             "wind": self.wind.to_dict(),
             "wind_by_cycle": {str(cycle): wind.to_dict() for cycle, wind in self.winds.items()},
             "phases": {

@@ -42,6 +42,7 @@ def format_estimates(result: Result) -> str:
     lines += _wind_effect(found)
     lines += ["", *_rejections(found)]
     lines += ["", *_bias(found["round_trip"], result.problem.name)]
+    lines += [f"note: {text}" for text in found["notes"]]
     lines += [f"warning: {text}" for text in result.warnings]
     return "\n".join(lines)
 

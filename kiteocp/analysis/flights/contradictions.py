@@ -16,6 +16,10 @@ from kiteocp.analysis.flights.likeness import CORRELATED, FACTORS_OF_AGREEMENT, 
 from kiteocp.analysis.flights.motion import derivative
 from kiteocp.analysis.flights.motion_check import azimuth_contradictions, velocity_contradictions
 
+#: A power that is so many times force times speed, or that part of it, over traction and retraction together, is in
+#: another unit: kgf for N is a factor of 9.8. In the two open data sets, where it is not the same power, it is 1.6.
+ANOTHER_UNIT = 4.0
+
 #: Velocity and course column are compared where the kite moves across the tether faster than this (m/s); further apart
 #: than that (deg) they disagree, and where they do in more than this share of the samples one is wrong.
 COURSE_SPEED_M_S, COURSE_DISAGREES_DEG, DOUBTFUL_COURSES = 5.0, 45.0, 0.1
@@ -119,8 +123,12 @@ def _course(flight: FlightData, layout: ColumnMap, course_deg: FloatArray | None
     what = f"correct course.{remedy}" if best <= DOUBTFUL_COURSES else (
         "check zero and sense of the course, and frame and columns of the velocity"
     )  # fmt: skip
+    velocity = "velocity"
+    if layout.velocity is None:
+        velocity = "motion of the position"
+        what += ", or position.azimuth.sense" if remedy.startswith("sense") or remedy.endswith("sense") else ""
     return [
-        f"the course in column {layout.course.column} contradicts the velocity in {100 * as_mapped:.0f} % of the "
+        f"the course in column {layout.course.column} contradicts the {velocity} in {100 * as_mapped:.0f} % of the "
         f"samples; {what}"
     ]
 
@@ -144,9 +152,6 @@ def _power(flight: FlightData, layout: ColumnMap, power_W: FloatArray | None) ->
     if power_W is None or block is None:
         return [], []
     product = flight.tether_force_ground_N * flight.reeling_speed_m_s
-    found = likeness(power_W, product, WORKING_W)
-    if found.agrees:
-        return [], []
     shares = []
     for name in ("traction", "retraction"):
         among = (flight.phase == name) & np.isfinite(power_W) & np.isfinite(product)
@@ -154,7 +159,20 @@ def _power(flight: FlightData, layout: ColumnMap, power_W: FloatArray | None) ->
         shares.append(float(np.mean(power_W[among])) / mean if abs(mean) > WORKING_W else np.nan)
     columns = f"{layout.tether_force.column} times {layout.reeling_speed.column}"
     low, high = FACTORS_OF_AGREEMENT
-    alike = bool(np.isfinite(shares).all()) and low < shares[0] / shares[1] < high
+    # Another power, as that behind a machine or with friction, is of the same size and sign on the whole; another unit
+    # is not.
+    known = bool(np.isfinite(shares).all())
+    overall = float(np.sqrt(abs(shares[0] * shares[1]))) if known else 1.0
+    if known and overall and (max(shares) < 0.0 or not 1.0 / ANOTHER_UNIT < overall < ANOTHER_UNIT):
+        how = "has the opposite sign of" if max(shares) < 0.0 else f"is on the whole {overall:.2g} times"
+        return [
+            f"the power in column {block.column} {how} {columns}; correct unit or sign of tether_force, reeling_speed "
+            "or mechanical_power"
+        ], []
+    found = likeness(power_W, product, WORKING_W)
+    if found.agrees:
+        return [], []
+    alike = known and low < shares[0] / shares[1] < high
     if alike and abs(found.correlation) >= CORRELATED:
         return [
             f"the power in column {block.column} is {shares[0]:.3g} times {columns}; correct unit or sign of "
