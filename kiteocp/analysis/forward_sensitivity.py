@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from kiteocp.analysis.local_study import key_directions
-from kiteocp.cycle.phases import PHASES
+from kiteocp.cycle.phases import PHASES, require_three_phases
 from kiteocp.cycle.tangent import QUANTITIES, cycle_and_tangent
 from kiteocp.errors import InputError
 from kiteocp.execution import one_at_a_time
@@ -91,8 +91,11 @@ def forward_sensitivity(problem: Problem, *, gravity: bool = True) -> ForwardSen
     ------
     CycleError
         The cycle cannot be flown, as `kiteocp.simulate`.
+    InputError
+        The cycle has a turn.
     """
     values = parameter_values(problem, gravity=gravity)
+    require_three_phases(values.structure, "the derivative of the prescribed cycle")
     keys = values.structure.keys
     directions = key_directions(problem)
     if not gravity:

@@ -95,15 +95,16 @@ def _closed_cycle(nominal: OptimalCycle, values: ParameterValues) -> tuple[list[
     length, elevation = float(first.tether_length_m[0]), float(first.elevation_rad[0])
     ends: Mapping[PhaseName, tuple[int, float]] = {
         "retraction": (1, float(first.tether_length_m[-1])),
-        "transition": (2, float(nominal.records[1].elevation_rad[-1])),
-        "traction": (1, length),
+        "transition": (2, float(nominal.record("transition").elevation_rad[-1])),
+        "traction": (1, float(nominal.record("traction").tether_length_m[-1])),
+        "turn": (2, elevation),
     }
     for _ in range(PASSES):
         began = elevation
         place, pairs = (length, began), []
         for schedule in nominal.schedules:
             steered = "course" in schedule.coefficients
-            aimed = nominal.records[-1].elevation_rad[-1] if steered else None
+            aimed = nominal.record("traction").elevation_rad[-1] if steered else None
             pairs.append(_trimmed(values, schedule, place, ends[schedule.name], aimed))
             place = (float(pairs[-1][1].states[-1, 1]), float(pairs[-1][1].states[-1, 2]))
         elevation = place[1]

@@ -7,13 +7,13 @@ is found by following it (`kiteocp.ocp.following`).
 from __future__ import annotations
 
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from kiteocp.analysis.local_study import LocalStudy
 from kiteocp.analysis.sensitivity_report import design_warnings, shadow_prices
-from kiteocp.cycle.phases import PHASES
 from kiteocp.cycle.summary import cycle_summary, phase_summaries, validity_warnings
 from kiteocp.execution import one_at_a_time
 from kiteocp.ocp.collocation import FloatArray
@@ -70,7 +70,7 @@ def sensitivities(problem: Problem, *, intervals: bool = True) -> Result:
     rows = [_row(study, column, intervals) for column in range(len(study.keys))]
     cycle, values = optimum.cycle, optimum.values
     phases = phase_summaries(cycle.records, values)
-    traction, pause = cycle.records[-1], values["limits.phase_change_time_s"]
+    traction, pause = cycle.record("traction"), values["limits.phase_change_time_s"]
     elevation = float(np.trapezoid(traction.elevation_rad, traction.time_s)) / traction.duration_s
     altitude = 0.5 * float(traction.tether_length_m[0] + traction.tether_length_m[-1]) * float(np.sin(elevation))
     return Result(
@@ -195,7 +195,7 @@ def _prices(study: LocalStudy) -> dict[str, FloatArray]:
     program = study.optimum.solver.program
     shares = -program.in_units(pressing[:, None] * study.derivatives.pressed)
     labels = (*program.variables, *program.rows)
-    phases = [_phase_of(label) for label in labels]
+    phases = [_phase_of(label, [phase.name for phase in program.problem.phases]) for label in labels]
     prices = {
         name: shares[[index for index, phase in enumerate(phases) if phase == name]].sum(axis=0)
         for name in dict.fromkeys(phases)
@@ -204,13 +204,13 @@ def _prices(study: LocalStudy) -> dict[str, FloatArray]:
     return prices
 
 
-def _phase_of(label: Label) -> str:
+def _phase_of(label: Label, phases: Sequence[str]) -> str:
     """Phase in which a bound presses, ``cycle`` for what holds between phases."""
     if label.phase is None:
         # The one elevation of the traction belongs to no other phase.
         return "traction" if label.kind == "static" else "cycle"
     # The start of a phase is the end of the one before, where it presses as well; one name for both.
-    return PHASES[PHASES.index(label.phase) - 1] if label.point == 0 else label.phase
+    return phases[phases.index(label.phase) - 1] if label.point == 0 else label.phase
 
 
 def _force_rules(study: LocalStudy) -> bool:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from kiteocp.cycle.phases import PHASES
+from kiteocp.cycle.phases import pauses_after
 from kiteocp.cycle.summary import PhaseRecord, steering
 from kiteocp.ocp.optimum import OptimalCycle
 from kiteocp.physics.parameters import ParameterValues
@@ -45,12 +45,12 @@ def setpoints_over_time(cycle: OptimalCycle) -> dict[str, np.ndarray]:
     dict of str to numpy.ndarray, shape (n,)
         ``time_s`` in the cycle, ``phase``, ``time_in_phase_s`` and the set points, the unit in each name.
     """
-    pause = cycle.values["limits.phase_change_time_s"]
+    pauses = pauses_after([record.name for record in cycle.records], cycle.values["limits.phase_change_time_s"])
     phases = [_setpoints(record, cycle.values) for record in cycle.records]
     parts: list[dict[str, np.ndarray]] = []
     start = 0.0
-    for index, (name, phase) in enumerate(zip(PHASES, phases, strict=True)):
-        parts.append(_part(name, start, phase))
+    for index, (record, phase, pause) in enumerate(zip(cycle.records, phases, pauses, strict=True)):
+        parts.append(_part(record.name, start, phase))
         start += float(phase["time_in_phase_s"][-1])
         if pause > 0:
             parts.append(_part("change", start, _change(phase, phases[(index + 1) % len(phases)], pause)))
@@ -72,7 +72,7 @@ def setpoints_over_length(cycle: OptimalCycle) -> dict[str, np.ndarray]:
         points.
     """
     parts: list[dict[str, np.ndarray]] = []
-    for name, record in zip(PHASES, cycle.records, strict=True):
+    for record in cycle.records:
         phase = _setpoints(record, cycle.values)
         for number, branch in enumerate(branches(record.tether_length_m), start=1):
             length = record.tether_length_m[branch]
@@ -82,7 +82,7 @@ def setpoints_over_length(cycle: OptimalCycle) -> dict[str, np.ndarray]:
                 column: np.interp(grid, length[rising], samples[branch][rising]) for column, samples in phase.items()
             }
             columns["tether_length_m"] = grid
-            labels = {"phase": np.full(LENGTH_SAMPLES, name), "branch": np.full(LENGTH_SAMPLES, number)}
+            labels = {"phase": np.full(LENGTH_SAMPLES, record.name), "branch": np.full(LENGTH_SAMPLES, number)}
             parts.append({**labels, **columns})
     return {column: np.concatenate([part[column] for part in parts]) for column in parts[0]}
 

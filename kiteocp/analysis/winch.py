@@ -93,6 +93,8 @@ class WinchExport:
             "transition": {"elevation_at_most_deg": ends.transition_elevation_deg},
             "traction": {"tether_length_at_least_m": ends.traction_length_m},
         }
+        if ends.turn_elevation_deg is not None:
+            conditions["turn"] = {"elevation_at_least_deg": ends.turn_elevation_deg}
         plain: dict[str, Any] = to_plain(
             {
                 "schema_version": 1,

@@ -19,15 +19,14 @@ from scipy.interpolate import CubicHermiteSpline
 from kiteocp.analysis.winch_law import WinchLaw, is_monotone, progress_of
 from kiteocp.cycle.integrator import IntegrationError, Integrator
 from kiteocp.cycle.laws import STATE
-from kiteocp.cycle.phases import KINDS, PHASES, PhaseName
+from kiteocp.cycle.motion import Motion, at_force, motion
+from kiteocp.cycle.phases import KINDS, PhaseName
 from kiteocp.cycle.simulation import LONGEST_PHASE, SCALES
 from kiteocp.cycle.summary import PhaseRecord, electrical_energy_J
 from kiteocp.errors import CycleError
 from kiteocp.ocp.optimum import OptimalCycle
-from kiteocp.physics import kinematics
-from kiteocp.physics.equilibrium import OUTPUTS, explicit_state, outputs_of
-from kiteocp.physics.kinematics import Course
-from kiteocp.physics.model import Model, Position
+from kiteocp.physics.equilibrium import OUTPUTS, outputs_of
+from kiteocp.physics.model import Model
 from kiteocp.physics.parameters import ParameterValues, Structure, parameters_of
 
 #: Numbers of a piecewise linear table as the functions take it; shorter tables are padded by their last value.
@@ -50,7 +49,7 @@ class Switching:
     """When phases end, by what a ground station knows.
 
     The retraction ends at a tether length or at the highest elevation, whichever comes first, the transition at an
-    elevation, the traction at a tether length.
+    elevation, the traction at a tether length, a turn at an elevation.
     """
 
     retraction_length_m: float
@@ -58,17 +57,21 @@ class Switching:
     transition_elevation_deg: float
     traction_length_m: float
     start_elevation_deg: float
+    start_length_m: float
+    turn_elevation_deg: float | None = None
 
     @classmethod
     def of(cls, cycle: OptimalCycle) -> Switching:
         """Where the phases of an optimum end."""
-        retraction, transition, traction = cycle.records
+        retraction, transition, traction, *turn = cycle.records
         return cls(
             retraction_length_m=float(retraction.tether_length_m[-1]),
             elevation_max_deg=cycle.values["limits.elevation_max_deg"],
             transition_elevation_deg=float(np.degrees(transition.elevation_rad[-1])),
             traction_length_m=float(traction.tether_length_m[-1]),
             start_elevation_deg=float(np.degrees(retraction.elevation_rad[0])),
+            start_length_m=float(retraction.tether_length_m[0]),
+            turn_elevation_deg=float(np.degrees(turn[0].elevation_rad[-1])) if turn else None,
         )
 
 
@@ -91,7 +94,7 @@ class HeldQuantities:
         CycleError
             A quantity is scheduled and the progress of the phase is not monotone.
         """
-        record = cycle.records[PHASES.index(name)]
+        record = cycle.record(name)
         _, progress = progress_of(record)
         samples: dict[str, np.ndarray]
         samples = {q: record.steered[q] for q in ("power_setting", "course") if q in record.steered}
@@ -116,7 +119,7 @@ def fly_laws(
 ) -> list[PhaseRecord]:
     """Simulate a cycle under winch laws.
 
-    It starts where the traction ends, and ends there.
+    It starts where the optimum does, which is where its last phase ends.
 
     Parameters
     ----------
@@ -135,9 +138,9 @@ def fly_laws(
     CycleError
         A law and the kite agree on no state, or a phase does not end.
     """
-    length, elevation = switching.traction_length_m, float(np.radians(switching.start_elevation_deg))
+    length, elevation = switching.start_length_m, float(np.radians(switching.start_elevation_deg))
     records: list[PhaseRecord] = []
-    for name in PHASES:
+    for name in laws:
         records.append(_fly(values, name, laws[name], held[name], switching, np.array([0.0, length, elevation, 0.0])))
         length, elevation = float(records[-1].tether_length_m[-1]), float(records[-1].elevation_rad[-1])
     return records
@@ -183,6 +186,7 @@ def _integrated(
         "retraction": ("length", switching.retraction_length_m),
         "transition": ("elevation", float(np.radians(switching.transition_elevation_deg))),
         "traction": ("length", switching.traction_length_m),
+        "turn": ("elevation", float(np.radians(switching.turn_elevation_deg or 0.0))),
     }
     target, end = ends[name]
     top = float(np.radians(switching.elevation_max_deg))
@@ -240,14 +244,22 @@ def law_functions(structure: Structure, name: PhaseName, quantities: tuple[str, 
     state = ca.SX.sym("state", len(STATE))
     names = ("force_law", "length_law", *quantities)
     tables = {quantity: ca.SX.sym(quantity, 2 * TABLE_KNOTS) for quantity in names}
-    length, elevation = state[1], state[2]
-    progress = elevation * (180 / np.pi) if name == "transition" else length
+    length = state[1]
+    progress = state[2] * (180 / np.pi) if kind.progress == "elevation" else length
     held = {quantity: _interpolated(tables[quantity], progress) for quantity in quantities}
-    elevation = held.get("elevation", elevation)
-    position = kind.position(model, length, elevation)
-    if "course" in held:
-        position = Position(length, elevation, position.azimuth, Course.of_angle(held["course"]))
-    around = model.surroundings(position, model.coefficients(held.get("power_setting", kind.setting)))
+
+    def moved(force: Any) -> Motion:
+        """Motion at a radial ground force; an elevation that is held is not moved."""
+        return motion(
+            model,
+            kind,
+            length,
+            held.get("elevation", state[2]),
+            at_force(lambda *_: force),
+            power_setting=held.get("power_setting"),
+            course=held.get("course"),
+        )
+
     feed_forward = _interpolated(tables["length_law"], progress)
 
     def gap(flight: Any) -> Any:
@@ -260,21 +272,20 @@ def law_functions(structure: Structure, name: PhaseName, quantities: tuple[str, 
 
     everything = ca.vertcat(parameters.vector, *tables.values())
     force = ca.SX.sym("radial_ground_force")
-    difference = ca.Function("gap", [force, state, everything], [gap(explicit_state(model, position, around, force))])
+    difference = ca.Function("gap", [force, state, everything], [gap(moved(force).flight)])
     low, high = ca.SX(0.0), FORCE_RANGE * parameters["limits.tether_force_max_N"]
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         # Not a number is a force too small for any equilibrium: the root lies above it.
         above = difference(middle, state, everything) <= 0
         low, high = ca.if_else(above, low, middle), ca.if_else(above, middle, high)
-    flight = explicit_state(model, position, around, high)
+    met = moved(high)
+    flight = met.flight
     # The bisection also stops where the steady states end or at the largest force: no state, 0/0 there.
     agrees = ca.logic_and(ca.fabs(difference(high, state, everything)) <= AGREEMENT_M_S, length > 0)
     speed = flight.reeling_speed + ca.if_else(agrees, 0.0, np.nan)
-    if kind.course is not None:
-        rate = kinematics.elevation_rate(flight.tangential_speed, kind.course, length)
-    else:
-        rate = ca.SX(0.0)
+    # The kite's controller keeps the elevation of the traction, whatever course it steers.
+    rate = met.elevation_rate if kind.course is not None else ca.SX(0.0)
     outputs = outputs_of(flight)
     rates = ca.Function("rates", [state, everything], [ca.densify(ca.vertcat(1.0, speed, rate, flight.power))])
     at = ca.Function("outputs", [state, everything], [ca.densify(ca.vertcat(*(outputs[n] for n in OUTPUTS)))])

@@ -15,7 +15,7 @@ from typing import Any, Literal
 import numpy as np
 from scipy.optimize import least_squares
 
-from kiteocp.cycle.phases import PhaseName
+from kiteocp.cycle.phases import KINDS, PhaseName
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.physics.parameters import ParameterValues
 
@@ -92,8 +92,8 @@ class WinchLaw:
 
 
 def progress_of(record: PhaseRecord) -> tuple[str, np.ndarray]:
-    """Return the quantity that tells how far a phase is, and its samples: elevation in the transition, else length."""
-    if record.name == "transition":
+    """Return the quantity that tells how far a phase is, and its samples: elevation or tether length."""
+    if KINDS[record.name].progress == "elevation":
         return "elevation_deg", np.degrees(record.elevation_rad)
     return "tether_length_m", record.tether_length_m
 

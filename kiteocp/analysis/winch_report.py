@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from kiteocp.analysis.winch_evaluation import LawEvaluation
 from kiteocp.analysis.winch_flight import Switching
 from kiteocp.analysis.winch_law import Kind, WinchLaw
-from kiteocp.cycle.phases import PHASES, PhaseName
+from kiteocp.cycle.phases import PhaseName
 from kiteocp.problem import Problem
 from kiteocp.result import unit_of
 
@@ -26,15 +26,19 @@ def format_report(
     lines = [f"to the winch: {problem.name}"]
     if not certified:
         lines.append("the optimum is NOT certified: do not fly these set points")
+    turn = []
+    if switching.turn_elevation_deg is not None:
+        turn.append(f"  turn        at {switching.turn_elevation_deg:.2f} deg elevation")
     lines += [
         "phases end:",
         f"  retraction  at {switching.retraction_length_m:.1f} m of tether, or at "
         f"{switching.elevation_max_deg:.1f} deg elevation",
         f"  transition  at {switching.transition_elevation_deg:.2f} deg elevation",
         f"  traction    at {switching.traction_length_m:.1f} m of tether",
+        *turn,
         "force laws, reeling speed (m/s) at a tether force at the ground (N):",
     ]
-    for name in PHASES:
+    for name in laws["force"]:
         law = laws["force"][name]
         pairs = ", ".join(
             f"{round(v, 2) + 0.0:.2f} at {f:.0f}" for f, v in zip(law.knots, law.reeling_speed_m_s, strict=True)
@@ -47,7 +51,7 @@ def format_report(
     for kind in laws:
         flown = [one for one in evaluations if one.kind == kind]
         if not flown:
-            missing = ", ".join(name for name in PHASES if name not in laws[kind])
+            missing = ", ".join(name for name in laws["force"] if name not in laws[kind])
             lines.append(f"{kind} laws: none for the {missing}, where it is no function of tether length; not flown")
             continue
         losses = [f"{_loss(one)} ({_wind(one.wind_factor)})" for one in flown]

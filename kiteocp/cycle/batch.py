@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from kiteocp.cycle.cycle_function import COARSE, FINE, OUTPUT_NAMES, QUANTITIES, Mesh, cycle_function
-from kiteocp.cycle.phases import PHASES
+from kiteocp.cycle.phases import PHASES, require_three_phases
 from kiteocp.cycle.simulation import LONGEST_PHASE, fly
 from kiteocp.cycle.vectorised import VectorisedFunction
 from kiteocp.errors import CycleError, InputError, shortened
@@ -106,6 +106,7 @@ def simulate_batch(
         raise InputError(
             "gravity=False needs a problem, not parameter values; set environment.gravity_m_s2 to 0 in them."
         )
+    require_three_phases(values.structure, "simulate_batch")
     table = _table(values, parameters)
     count = table.shape[1]
     results = np.full((len(OUTPUT_NAMES), count), np.nan)

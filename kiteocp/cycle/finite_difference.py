@@ -48,7 +48,7 @@ def finite_difference_phase(
     start
         State (time, tether length, elevation in rad, energy), shape (4,).
     end
-        Tether length in m at which the phase ends; for the transition the elevation in rad.
+        Tether length in m at which the phase ends; for transition and turn the elevation in rad.
     step_s, max_time
         Time step and longest duration, s.
 
@@ -81,7 +81,7 @@ def finite_difference_phase(
         across, step = length * angular, step_s
         turn = math.atan2(across * step, length + radial * step)
         reached = math.hypot(length + radial * step, across * step)
-        if by_elevation and elevation + turn <= end:
+        if by_elevation and (elevation + turn - end) * (elevation - end) <= 0 and turn:
             done, slope = True, math.tan(end - elevation)
             step = length * slope / (across - radial * slope)
         elif not by_elevation and (reached - end) * (length - end) <= 0 and reached != length:
@@ -118,8 +118,7 @@ def _ordinary_steps(ahead: np.ndarray, column: int, end: float, max_time: float)
     """Count the steps before the first that ends the phase, takes too long or leaves the domain."""
     before, after = ahead[:-1, column], ahead[1:, column]
     crossed = ((after - end) * (before - end) <= 0) & (after != before)
-    ends = after <= end if column == ELEVATION else crossed
-    special = ends | (ahead[1:, 0] > max_time) | ~np.isfinite(ahead[1:]).all(axis=1)
+    special = crossed | (ahead[1:, 0] > max_time) | ~np.isfinite(ahead[1:]).all(axis=1)
     return int(np.argmax(special)) if special.any() else len(special)
 
 

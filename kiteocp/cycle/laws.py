@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
@@ -10,8 +11,8 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
-from kiteocp.cycle.phases import KINDS, PhaseKind, PhaseName
-from kiteocp.physics import kinematics
+from kiteocp.cycle.motion import Motion, motion
+from kiteocp.cycle.phases import KINDS, PHASES, FlownPhase, PhaseKind, PhaseName, phases_of
 from kiteocp.physics.equilibrium import (
     OUTPUTS,
     equilibrium_functions,
@@ -57,16 +58,17 @@ class PhaseEnd:
         return values[self.key] * self.factor
 
 
-#: Each phase ends at a tether length, the transition at an elevation; the kite flying down, that is monotone.
+#: Each phase ends at a tether length or an elevation; the powered kite flying down or up, the latter is monotone.
 PHASE_ENDS: dict[PhaseName, PhaseEnd] = {
     "retraction": PhaseEnd(LENGTH, "operation.tether_length_min_m", 1.0, False),
     "transition": PhaseEnd(ELEVATION, "operation.traction.elevation_deg", math.pi / 180, True),
     "traction": PhaseEnd(LENGTH, "operation.tether_length_max_m", 1.0, True),
+    "turn": PhaseEnd(ELEVATION, "operation.turn.elevation_deg", math.pi / 180, True),
 }
 
 
-def cycle_start(values: ParameterValues) -> np.ndarray:
-    """Return the state in which the prescribed cycle starts: that in which its traction ends, shape (4,)."""
+def traction_end(values: ParameterValues) -> np.ndarray:
+    """Return the state in which the traction of the prescribed cycle ends, shape (4,)."""
     longest, elevation = (PHASE_ENDS[name].value(values) for name in ("traction", "transition"))
     return np.array([0.0, longest, elevation, 0.0])
 
@@ -74,6 +76,34 @@ def cycle_start(values: ParameterValues) -> np.ndarray:
 def next_start(states: np.ndarray) -> np.ndarray:
     """Return the state in which the phase after one with these states, shape (n, 4), starts."""
     return np.array([0.0, states[-1, LENGTH], states[-1, ELEVATION], 0.0])
+
+
+def flown_in_order(
+    values: ParameterValues, run: Callable[[PhaseName, np.ndarray, float], np.ndarray]
+) -> list[FlownPhase]:
+    """Fly the phases of the prescribed cycle, each from where the one before ends.
+
+    Where the traction ends is known, so that a turn, the last phase, is flown first.
+
+    Parameters
+    ----------
+    values
+        The problem's numbers.
+    run
+        From the name of a phase, the state it starts in, shape (4,), and the value at which it ends (`PHASE_ENDS`), to
+        its states, shape (n, 4).
+
+    Returns
+    -------
+    list of FlownPhase
+        In the order of the cycle.
+    """
+    names, start = phases_of(values.structure), traction_end(values)
+    flown: dict[PhaseName, FlownPhase] = {}
+    for name in (*names[len(PHASES) :], *PHASES):
+        flown[name] = FlownPhase(name, run(name, start, PHASE_ENDS[name].value(values)))
+        start = next_start(flown[name].states)
+    return [flown[name] for name in names]
 
 
 @dataclass(frozen=True)
@@ -87,35 +117,33 @@ class PhaseFunctions:
     outputs: ca.Function
 
 
-def prescribed_state(
-    model: Model, kind: PhaseKind, tether_length: Any, elevation: Any, equilibrium: Equilibrium
-) -> FlightState:
-    """Flight state under the prescribed law: constant force, or zero reeling between the two forces in the transition.
+def prescribed_motion(model: Model, kind: PhaseKind, tether_length: Any, elevation: Any, law: Equilibrium) -> Motion:
+    """Motion under the prescribed law: constant force, or zero reeling between the two forces in the transition.
 
     In the transition a state that has no equilibrium at zero reeling speed counts as slack, so that the kite reels in.
     """
     p = model.parameters
     reference = model.structure.choice("operation.force_reference")
-    position = kind.position(model, tether_length, elevation)
-    coefficients = model.coefficients(kind.setting)
-    around = model.surroundings(position, coefficients)
 
-    def radial(key: str) -> Any:
-        return model.radial_ground_force(around, p[f"operation.{key}.tether_force_N"], reference)
+    def equilibrium(model: Model, position: Position, around: Surroundings) -> FlightState:
+        coefficients = model.coefficients(kind.setting)
 
-    if kind.name == "retraction":
-        force = radial("retraction")
-    elif kind.name == "traction":
-        force = radial("traction")
-    else:
-        at_rest = _force_at_rest(model, position, around, coefficients, equilibrium)
-        force = ca.fmin(ca.fmax(at_rest, radial("retraction")), radial("traction"))
-    # A force too small to lift the tether leaves it slack at the ground, which is no state: 0/0 there.
-    force = force + ca.if_else(force < 0, np.nan, 0.0)
-    if equilibrium == "explicit":
-        return explicit_state(model, position, around, force)
-    angle = _solved(model, position, around, coefficients, "radial_ground_force", force)
-    return model.state_at_force(position, around, force, angle)
+        def radial(key: str) -> Any:
+            return model.radial_ground_force(around, p[f"operation.{key}.tether_force_N"], reference)
+
+        if kind.name == "transition":
+            at_rest = _force_at_rest(model, position, around, coefficients, law)
+            force = ca.fmin(ca.fmax(at_rest, radial("retraction")), radial("traction"))
+        else:
+            force = radial(kind.name)
+        # A force too small to lift the tether leaves it slack at the ground, which is no state: 0/0 there.
+        force = force + ca.if_else(force < 0, np.nan, 0.0)
+        if law == "explicit":
+            return explicit_state(model, position, around, force)
+        angle = _solved(model, position, around, coefficients, "radial_ground_force", force)
+        return model.state_at_force(position, around, force, angle)
+
+    return motion(model, kind, tether_length, elevation, equilibrium)
 
 
 def _force_at_rest(
@@ -158,12 +186,9 @@ def phase_functions(structure: Structure, name: PhaseName, equilibrium: Equilibr
     parameters = parameters_of(structure) if explicit else Parameters(structure, ca.MX)
     state = symbol.sym("state", len(STATE))
     length, elevation = state[LENGTH], state[ELEVATION]
-    flight = prescribed_state(Model(parameters), kind, length, elevation, equilibrium)
-    # The traction is a mean over crosswind manoeuvres: it moves along the tether only.
-    course = kind.course
-    rate = 0.0 if course is None else kinematics.elevation_rate(flight.tangential_speed, course, length)
-    rates = ca.vertcat(1.0, flight.reeling_speed, rate, flight.power)
-    outputs = outputs_of(flight)
+    moved = prescribed_motion(Model(parameters), kind, length, elevation, equilibrium)
+    rates = ca.vertcat(1.0, moved.flight.reeling_speed, moved.elevation_rate, moved.flight.power)
+    outputs = outputs_of(moved.flight)
     return PhaseFunctions(
         ca.Function("rates", [state, parameters.vector], [ca.densify(rates)]),
         ca.Function("outputs", [state, parameters.vector], [ca.densify(ca.vertcat(*(outputs[n] for n in OUTPUTS)))]),

@@ -16,7 +16,7 @@ from typing import Any, Literal
 import casadi as ca
 import numpy as np
 
-from kiteocp.cycle.phases import PhaseName
+from kiteocp.cycle.phases import PhaseName, phases_of
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.physics.equilibrium import OUTPUTS
 from kiteocp.physics.flight import OUTPUT_UNITS
@@ -184,6 +184,7 @@ def limits_of(structure: Structure) -> tuple[Limit, ...]:
         Limit(path, quantity, key.limit)
         for path, key in limit_keys().items()
         if path in structure.keys and key.limit is not None and (quantity := _bounded(key.limit, structure)) is not None
+        if set(key.limit.phases) & set(phases_of(structure))
     )
 
 

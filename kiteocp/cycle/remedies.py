@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from kiteocp.cycle.integrator import IntegrationError, Integrator
-from kiteocp.cycle.laws import PHASE_ENDS, cycle_start, next_start, phase_functions
-from kiteocp.cycle.phases import PHASES, PhaseName
+from kiteocp.cycle.laws import PHASE_ENDS, flown_in_order, phase_functions
+from kiteocp.cycle.phases import PHASES, PhaseName, phases_of
 from kiteocp.cycle.simulation import LONGEST_PHASE, SCALES, fly
 from kiteocp.errors import CycleError
 from kiteocp.execution import one_at_a_time
@@ -39,6 +39,8 @@ PHRASES = {
     "operation.traction.elevation_deg": "a traction elevation of {} deg",
     "operation.tether_length_min_m": "a shortest tether of {} m",
     "operation.tether_length_max_m": "a longest tether of {} m",
+    "operation.turn.tether_force_N": "a turn force of {} N",
+    "operation.turn.elevation_deg": "a turn up to {} deg of elevation",
 }
 WIND = "environment.wind"
 
@@ -116,6 +118,11 @@ def _ranges(values: ParameterValues) -> dict[str, tuple[float, float]]:
     traction, retraction = "operation.traction.tether_force_N", "operation.retraction.tether_force_N"
     shortest, longest = "operation.tether_length_min_m", "operation.tether_length_max_m"
     wind = _value(values, WIND)
+    turn, top, low = "operation.turn.tether_force_N", "operation.turn.elevation_deg", "operation.traction.elevation_deg"
+    of_turn = {
+        turn: (FORCE_RANGE[0] * values[turn], FORCE_RANGE[1] * values[turn]),
+        top: (1.01 * values[low], max(85.0, 1.01 * values[top])),
+    }
     return {
         WIND: (WIND_RANGE[0] * wind, WIND_RANGE[1] * wind),
         traction: (1.001 * values[retraction], FORCE_RANGE[1] * values[traction]),
@@ -123,6 +130,7 @@ def _ranges(values: ParameterValues) -> dict[str, tuple[float, float]]:
         "operation.traction.elevation_deg": (5.0, 85.0),
         shortest: (0.1 * values[shortest], 0.99 * values[longest]),
         longest: (1.01 * values[shortest], 4.0 * values[longest]),
+        **(of_turn if phases_of(values.structure) != PHASES else {}),
     }
 
 
@@ -169,12 +177,12 @@ def _flies(values: ParameterValues) -> bool:
 
     A state that ceases to exist is approached in ever smaller steps; to know it to nine digits takes a second.
     """
-    start = cycle_start(values)
+
+    def run(name: PhaseName, start: np.ndarray, end: float) -> np.ndarray:
+        return _rough_integrators(values.structure)[name].run(start, values.vector, end, values[LONGEST_PHASE])
+
     try:
-        for name in PHASES:
-            integrator = _rough_integrators(values.structure)[name]
-            end = PHASE_ENDS[name].value(values)
-            start = next_start(integrator.run(start, values.vector, end, values[LONGEST_PHASE]))
+        flown_in_order(values, run)
     except IntegrationError:
         return False
     return True
@@ -191,7 +199,7 @@ def _rough_integrators(structure: Structure) -> dict[PhaseName, Integrator]:
             tolerance=ROUGH_TOLERANCE,
             max_steps=ROUGH_STEPS,
         )
-        for name, end in PHASE_ENDS.items()
+        for name, end in ((name, PHASE_ENDS[name]) for name in phases_of(structure))
     }
 
 

@@ -19,13 +19,12 @@ import numpy as np
 
 from kiteocp.cycle.integrator import IntegrationError, Integrator
 from kiteocp.cycle.laws import STATE
+from kiteocp.cycle.motion import at_force, motion
 from kiteocp.cycle.phases import KINDS, FlownPhase, PhaseName
 from kiteocp.cycle.simulation import SCALES, cycle_error
 from kiteocp.cycle.summary import PhaseRecord, electrical_energy_J
-from kiteocp.physics import kinematics
-from kiteocp.physics.equilibrium import OUTPUTS, explicit_state, outputs_of
-from kiteocp.physics.kinematics import Course
-from kiteocp.physics.model import Model, Position, Surroundings
+from kiteocp.physics.equilibrium import OUTPUTS, outputs_of
+from kiteocp.physics.model import Model, Surroundings
 from kiteocp.physics.parameters import Parameters, ParameterValues, Structure, parameters_of
 
 #: What a schedule may give; the first is always given, the others where the phase does not prescribe them.
@@ -115,18 +114,17 @@ def schedule_functions(structure: Structure, name: PhaseName, quantities: tuple[
     for quantity in COMMANDED.keys() & scheduled.keys():
         low, high = commanded_range(quantity, parameters)
         scheduled[quantity] = ca.fmin(ca.fmax(scheduled[quantity], low), high)
-    position = nominal = kind.position(model, length, elevation)
-    if "course" in scheduled:
-        position = Position(length, elevation, nominal.azimuth, Course.of_angle(scheduled["course"]))
-    around = model.surroundings(position, model.coefficients(scheduled.get("power_setting", kind.setting)))
-    flight = explicit_state(model, position, around, _saturated(model, around, scheduled[FORCE]))
-    if kind.course is not None:
-        rate = kinematics.elevation_rate(flight.tangential_speed, kind.course, length)
-    elif "course" in scheduled:
-        drift = Course(position.course.cosine - nominal.course.cosine, 0.0)
-        rate = kinematics.elevation_rate(flight.tangential_speed, drift, length)
-    else:
-        rate = scheduled.get("elevation_rate", ca.SX(0.0))
+    moved = motion(
+        model,
+        kind,
+        length,
+        elevation,
+        at_force(lambda model, around: _saturated(model, around, scheduled[FORCE])),
+        power_setting=scheduled.get("power_setting"),
+        course=scheduled.get("course"),
+        elevation_rate=scheduled.get("elevation_rate"),
+    )
+    flight, rate = moved.flight, moved.elevation_rate
     outputs = outputs_of(flight)
     point = ca.Function(
         "point",

@@ -10,9 +10,9 @@ import numpy as np
 
 from kiteocp.cycle.finite_difference import characteristic_time, finite_difference_phase
 from kiteocp.cycle.integrator import IntegrationError, Integrator
-from kiteocp.cycle.laws import PHASE_ENDS, Equilibrium, cycle_start, next_start, phase_functions
+from kiteocp.cycle.laws import PHASE_ENDS, Equilibrium, flown_in_order, phase_functions
 from kiteocp.cycle.limits import Limit, limits_of
-from kiteocp.cycle.phases import KINDS, PHASES, FlownPhase, PhaseName
+from kiteocp.cycle.phases import KINDS, FlownPhase, PhaseName, phases_of
 from kiteocp.cycle.summary import (
     PhaseRecord,
     channels_of,
@@ -25,6 +25,7 @@ from kiteocp.cycle.transition import transition_branches
 from kiteocp.errors import CycleError, InputError, NoEquilibriumError, check_word
 from kiteocp.execution import one_at_a_time
 from kiteocp.physics.flight import Place, solve_state
+from kiteocp.physics.kinematics import UP
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values
 from kiteocp.problem import Problem
 from kiteocp.report.words import rounded
@@ -141,23 +142,19 @@ def fly(
     CycleError
         As `simulate`.
     """
-    start = cycle_start(values)
-    flown = []
-    for name in PHASES:
-        end = PHASE_ENDS[name].value(values)
+
+    def run(name: PhaseName, start: np.ndarray, end: float) -> np.ndarray:
         _check_start(name, start, end)
         try:
             if time_step is None:
                 integrator = _integrators(values.structure, equilibrium)[name]
-                states = integrator.run(start, values.vector, end, values[LONGEST_PHASE])
-            else:
-                step = time_step * characteristic_time(values)
-                states = finite_difference_phase(values, name, start, end, step, values[LONGEST_PHASE])
+                return integrator.run(start, values.vector, end, values[LONGEST_PHASE])
+            step = time_step * characteristic_time(values)
+            return finite_difference_phase(values, name, start, end, step, values[LONGEST_PHASE])
         except IntegrationError as error:
             raise cycle_error(values, name, error.state, error.reason) from None
-        flown.append(FlownPhase(name, states))
-        start = next_start(states)
-    return flown
+
+    return flown_in_order(values, run)
 
 
 def _check_start(name: PhaseName, start: np.ndarray, end: float) -> None:
@@ -176,7 +173,8 @@ def _check_start(name: PhaseName, start: np.ndarray, end: float) -> None:
 @lru_cache(maxsize=32)
 def _integrators(structure: Structure, equilibrium: Equilibrium) -> dict[PhaseName, Integrator]:
     integrators = {}
-    for name, end in PHASE_ENDS.items():
+    for name in phases_of(structure):
+        end = PHASE_ENDS[name]
         # The law of the transition has kinks: in closed form it is stepped by its branches.
         kinked = name == "transition"
         by_branches = kinked and equilibrium == "explicit"
@@ -255,12 +253,13 @@ def _held_state(values: ParameterValues, name: PhaseName, length: float, elevati
         length,
         elevation,
         values["operation.traction.azimuth_deg"] if crosswind else 0.0,
-        {"retraction": 180.0, "transition": 0.0, "traction": values["operation.traction.course_deg"]}[name],
+        values["operation.traction.course_deg"] if crosswind else 180.0 if KINDS[name].course is UP else 0.0,
         values[f"kite.{setting}.lift_coefficient"],
         values.kite_drag_coefficient(setting),
     )
     reference = values.structure.choice("operation.force_reference")
-    force = values[f"operation.{'traction' if crosswind else 'retraction'}.tether_force_N"]
+    held = "retraction" if name == "transition" else name
+    force = values[f"operation.{held}.tether_force_N"]
     return solve_state(values, place, f"tether_force_{reference}", force)
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from kiteocp.cycle.phases import KINDS, PHASE_CHANGES, PhaseName
+from kiteocp.cycle.phases import KINDS, PHASE_CHANGES, PhaseName, pauses_after
 from kiteocp.physics.aerodynamics import harvesting_factor
 from kiteocp.physics.equilibrium import OUTPUTS
 from kiteocp.physics.flight import OUTPUT_UNITS
@@ -199,9 +199,10 @@ def channels_of(records: Sequence[PhaseRecord], values: ParameterValues, pause_s
     values
         Parameters, for the azimuth of the traction.
     pause_s
-        Time between the phases that passes without motion or energy.
+        Time of each phase change, which passes without motion or energy.
     """
-    starts = np.cumsum([0.0, *(record.duration_s + pause_s for record in records)])
+    pauses = pauses_after([record.name for record in records], pause_s)
+    starts = np.cumsum([0.0, *(record.duration_s + pause for record, pause in zip(records, pauses, strict=True))])
     traction_azimuth = values["operation.traction.azimuth_deg"]
     joined: dict[str, Any] = {
         "time_s": [record.time_s + start for record, start in zip(records, starts[:-1], strict=True)],

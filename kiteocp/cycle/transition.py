@@ -14,9 +14,9 @@ import numpy as np
 
 from kiteocp.cycle.integrator import Branches
 from kiteocp.cycle.laws import STATE
+from kiteocp.cycle.motion import at_force, motion
 from kiteocp.cycle.phases import TRANSITION
-from kiteocp.physics import kinematics
-from kiteocp.physics.equilibrium import explicit_state, radial_ground_force_flying_down
+from kiteocp.physics.equilibrium import radial_ground_force_flying_down
 from kiteocp.physics.model import Model
 from kiteocp.physics.parameters import Structure, parameters_of
 
@@ -40,17 +40,16 @@ def transition_functions(structure: Structure) -> TransitionFunctions:
     p = parameters_of(structure)
     model, reference = Model(p), structure.choice("operation.force_reference")
     state, force = ca.SX.sym("state", len(STATE)), ca.SX.sym("radial_ground_force")
-    position = TRANSITION.position(model, state[1], state[2])
-    around = model.surroundings(position, model.coefficients(TRANSITION.setting))
+    # As in the law: a force too small to lift the tether is no state.
+    held = force + ca.if_else(force < 0, np.nan, 0.0)
+    moved = motion(model, TRANSITION, state[1], state[2], at_force(lambda *_: held))
+    flight, around = moved.flight, moved.flight.surroundings
     low, high = (
         model.radial_ground_force(around, p[f"operation.{phase}.tether_force_N"], reference)
         for phase in ("retraction", "traction")
     )
-    # As in the law: a force too small to lift the tether is no state.
-    flight = explicit_state(model, position, around, force + ca.if_else(force < 0, np.nan, 0.0))
-    rate = kinematics.elevation_rate(flight.tangential_speed, position.course, state[1])
     forces = ca.vertcat(radial_ground_force_flying_down(model, around, 0.0), low, high)
-    rates = ca.vertcat(1.0, flight.reeling_speed, rate, flight.power)
+    rates = ca.vertcat(1.0, flight.reeling_speed, moved.elevation_rate, flight.power)
     return TransitionFunctions(
         ca.Function("forces", [state, p.vector], ca.cse([ca.densify(forces)])),
         ca.Function("rates", [state, force, p.vector], ca.cse([ca.densify(rates)])),

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
+from kiteocp.cycle.phases import KINDS
 from kiteocp.cycle.remedies import wind_text
 from kiteocp.ocp.trajectory import Trajectory
 from kiteocp.physics.parameters import ParameterValues
@@ -15,9 +16,6 @@ from kiteocp.report.words import listed, rounded
 
 #: Limits and alternatives that the sentence names; the conflict lists them all.
 NAMED, ALTERNATIVES = 4, 3
-
-#: How the kite flies in a phase.
-FLYING = {"retraction": "flying up", "transition": "flying down", "traction": "in traction"}
 
 
 @dataclass(frozen=True)
@@ -153,6 +151,5 @@ def _place(conflict: Sequence[Conflict]) -> str:
         if entry.phase is not None and entry.elevation_deg is not None and "elevation" not in entry.key:
             low, high = entry.elevation_deg
             at = f"{low:.0f} deg" if high - low < 1 else f"{low:.0f} to {high:.0f} deg"
-            joint = "while " if entry.phase != "traction" else ""
-            return f" {joint}{FLYING[entry.phase]} at {at} of elevation"
+            return f" {KINDS[entry.phase].words} at {at} of elevation"  # type: ignore[index]
     return ""

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from kiteocp.cycle.objective import POWERS, energy, mean_power
-from kiteocp.cycle.phases import FlownPhase, PhaseName
+from kiteocp.cycle.phases import KINDS, FlownPhase, PhaseName
 from kiteocp.cycle.schedule import outputs_on_schedule, record_of_flight
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.errors import CycleError
@@ -135,13 +135,19 @@ def resimulation_check(
         facts = {"completed": False, "message": text}
         return Check("re-simulation", False, None, tolerance, text), None, facts
     records = [record_of_flight(cycle.values, *pair) for pair in zip(cycle.schedules, flown, strict=True)]
-    last, transition = cycle.records[-1], cycle.records[1]
-    stroke = float(last.tether_length_m[-1] - last.tether_length_m[0])
+    traction = cycle.record("traction")
+    ends = {record.name: record for record in cycle.records}
+    stroke = float(traction.tether_length_m[-1] - traction.tether_length_m[0])
     # Of the mechanical energy and, behind generator and motor, of the electrical one: the larger of both gaps.
-    gaps = {of: (energy(records, of) - energy(cycle.records, of)) / abs(last.energy_J) for of in POWERS}
+    gaps = {of: (energy(records, of) - energy(cycle.records, of)) / abs(traction.energy_J) for of in POWERS}
     energy_gap = max(gaps.values(), key=abs)
-    length_gap = float(flown[-1].states[-1, 1] - last.tether_length_m[-1])
-    elevation_gap = float(np.degrees(flown[1].states[-1, 2] - transition.elevation_rad[-1]))
+    length_gap = float(flown[-1].states[-1, 1] - cycle.records[-1].tether_length_m[-1])
+    missed = [
+        phase.states[-1, 2] - ends[phase.name].elevation_rad[-1]
+        for phase in flown
+        if KINDS[phase.name].progress == "elevation"
+    ]
+    elevation_gap = float(np.degrees(max(missed, key=abs)))
     state_gap = _state_gap(cycle)
     passed = (
         state_gap <= STATE_TOLERANCE

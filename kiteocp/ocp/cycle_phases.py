@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import casadi as ca
+
 from kiteocp.cycle.limits import SCALES, bounds_of, is_infinite, limited_outputs, limits_of
+from kiteocp.cycle.motion import motion
 from kiteocp.cycle.phases import TRACTION, PhaseKind
 from kiteocp.ocp.declaration import (
     PathConstraint,
@@ -16,13 +20,14 @@ from kiteocp.ocp.declaration import (
     Static,
     Variable,
 )
-from kiteocp.physics import kinematics
 from kiteocp.physics.equilibrium import inflow_angle_at_force, outputs_of
-from kiteocp.physics.kinematics import Course
-from kiteocp.physics.model import Model, Position
+from kiteocp.physics.model import FlightState, Model, Position, Surroundings
 
 if TYPE_CHECKING:
     from kiteocp.ocp.formulation import Formulation
+
+#: Shortest duration of a phase that the program knows, s: one that vanishes lasts so long.
+SHORTEST_S = 1e-3
 
 #: Algebraics and controls that the reeling speed depends on: where they jump inside a phase, the speed would.
 CONTINUOUS = frozenset({"inflow_angle", "radial_ground_force", "power_setting", "course"})
@@ -51,22 +56,19 @@ class PhaseBuilder:
     def variable(self, name: str, phase: PhaseKind) -> Variable:
         """Return a variable with the limits of its quantity."""
         lower, upper = bounds_of(self.limits, self.parameters, phase.name, name)
+        if name == "duration":
+            # Rates are differences over time: a phase of no time has none.
+            lower = ca.fmax(lower, SHORTEST_S)
         if name == "elevation" and phase is not TRACTION:
             # No limit of its own: the lowest height, which is not below the ground, implies it.
             lower = 0.0
         return Variable(name, lower, upper, SCALES[name], continuous=name in CONTINUOUS)
 
     def plane_phase(self, kind: PhaseKind) -> Phase:
-        """Retraction or transition: straight up or down in the plane of the wind."""
+        """Retraction, transition or turn: straight up or down in the plane of the wind."""
 
         def model(point: Point) -> PointExpressions:
-            position = kind.position(self.model, point["tether_length"], point["elevation"])
-            return self.expressions(
-                kind,
-                point,
-                position,
-                lambda speed: kinematics.elevation_rate(speed, position.course, point["tether_length"]),
-            )
+            return self.expressions(kind, point, point["elevation"])
 
         return self.phase(kind, model, [self.variable("elevation", kind)])
 
@@ -88,19 +90,9 @@ class PhaseBuilder:
         fixed = {static.name: static.symbol for static in statics}
 
         def model(point: Point) -> PointExpressions:
-            length = point["tether_length"]
             elevation = fixed["elevation"] if mode == "constant" else point["elevation"]
-            nominal = TRACTION.position(self.model, length, elevation)
-            if mode != "course-coupled":
-                rate = fixed.get("elevation_rate", point.values.get("elevation_rate"))
-                return self.expressions(TRACTION, point, nominal, lambda _: rate)
-            course = Course.of_angle(point["course"])
-            # At the mean course of the file the manoeuvre is closed and keeps its elevation; any other makes it climb.
-            drift = Course(course.cosine - nominal.course.cosine, 0.0)
-            position = Position(length, elevation, nominal.azimuth, course)
-            return self.expressions(
-                TRACTION, point, position, lambda speed: kinematics.elevation_rate(speed, drift, length)
-            )
+            rate = fixed.get("elevation_rate", point.values.get("elevation_rate"))
+            return self.expressions(TRACTION, point, elevation, rate)
 
         phase = self.phase(TRACTION, model, states, controls)
         if mode == "constant":
@@ -134,21 +126,26 @@ class PhaseBuilder:
             ],
         )
 
-    def expressions(self, kind: PhaseKind, point: Point, position: Position, elevation_rate: Any) -> PointExpressions:
+    def expressions(
+        self, kind: PhaseKind, point: Point, elevation: Any, elevation_rate: Any = None
+    ) -> PointExpressions:
         """Dynamics, equilibrium and limits at a point."""
-        setting = point["power_setting"] if self.formulation.schedules_power_setting(kind) else kind.setting
-        around = self.model.surroundings(position, self.model.coefficients(setting))
-        force = point["radial_ground_force"]
-        if self.implicit:
-            inflow_angle = point["inflow_angle"]
-        else:
-            inflow_angle = inflow_angle_at_force(self.model, position, around, force).inflow_angle
-        state = self.model.state_at_force(position, around, force, inflow_angle)
+        moved = motion(
+            self.model,
+            kind,
+            point["tether_length"],
+            elevation,
+            partial(self.equilibrium, point),
+            power_setting=point.values.get("power_setting"),
+            course=point.values.get("course"),
+            elevation_rate=elevation_rate,
+        )
+        state = moved.flight
         # What is a variable is not an output as well: every name has one meaning.
         outputs = {name: value for name, value in outputs_of(state).items() if name not in point.values}
         derivatives = {"tether_length": state.reeling_speed}
         if "elevation" in point.values:
-            derivatives["elevation"] = elevation_rate(state.tangential_speed)
+            derivatives["elevation"] = moved.elevation_rate
         constraints = []
         for quantity in limited_outputs(self.model.structure, kind.name):
             # A variable has its bounds already.
@@ -159,3 +156,11 @@ class PhaseBuilder:
                 constraints.append(PathConstraint(quantity, outputs[quantity], lower, upper, SCALES[quantity]))
         residuals = [Residual("equilibrium", state.residual)] if self.implicit else []
         return PointExpressions(derivatives, residuals, constraints, outputs)
+
+    def equilibrium(self, point: Point, model: Model, position: Position, around: Surroundings) -> FlightState:
+        """State at the force of a point, its inflow angle an unknown of the program or in closed form."""
+        force = point["radial_ground_force"]
+        if self.implicit:
+            return model.state_at_force(position, around, force, point["inflow_angle"])
+        angle = inflow_angle_at_force(model, position, around, force).inflow_angle
+        return model.state_at_force(position, around, force, angle)

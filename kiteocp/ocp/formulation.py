@@ -1,4 +1,4 @@
-"""The optimal pumping cycle as an optimal control problem of three phases.
+"""The optimal pumping cycle as an optimal control problem of three phases, or four with a turn.
 
 States are tether length and elevation, the control is the radial tether force at the ground, and the inflow angle of
 the equilibrium is an algebraic variable whose residual must vanish at every collocation point. All numbers of the
@@ -11,13 +11,24 @@ import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 from kiteocp.cycle.limits import SCALES, rarely_active
 from kiteocp.cycle.objective import POWERS
-from kiteocp.cycle.phases import PHASE_CHANGES, PHASES, RETRACTION, TRACTION, TRANSITION, PhaseKind
+from kiteocp.cycle.phases import (
+    KINDS,
+    PHASE_CHANGES,
+    PHASES,
+    RETRACTION,
+    TRACTION,
+    TURN,
+    PhaseKind,
+    PhaseName,
+    pauses_after,
+)
 from kiteocp.ocp.collocation import PhaseMesh
 from kiteocp.ocp.cycle_phases import PhaseBuilder
-from kiteocp.ocp.declaration import Link, OptimalControlProblem
+from kiteocp.ocp.declaration import Link, OptimalControlProblem, Phase, Static
 from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.transcription import transcribe
 from kiteocp.physics.model import Model
@@ -45,8 +56,10 @@ class Formulation:
     equilibrium
         ``implicit``: the inflow angle is a variable and its residual a constraint; ``explicit``: the closed form of the
         force-controlled state takes their place, fewer variables for the same optimum.
+    turn
+        Whether the cycle has a turn.
     intervals
-        Mesh intervals of retraction, transition and traction.
+        Mesh intervals of each phase.
     degree
         Collocation points per interval.
     interval_fractions
@@ -58,7 +71,8 @@ class Formulation:
     power_setting: str
     speed_jumps: str
     equilibrium: str
-    intervals: tuple[int, int, int]
+    turn: bool
+    intervals: tuple[int, ...]
     degree: int
     interval_fractions: tuple[tuple[float, ...], ...] | None = None
 
@@ -66,16 +80,22 @@ class Formulation:
     def of(cls, problem: Problem) -> Formulation:
         """Formulation that a problem file asks for."""
         given, mesh = problem.optimisation, problem.optimisation.mesh
-        intervals = (mesh.retraction_intervals, mesh.transition_intervals, mesh.traction_intervals)
+        names = (*PHASES, TURN.name) if given.turn == "flown" else PHASES
         return cls(
             given.objective,
             given.traction_elevation,
             given.power_setting,
             given.speed_jumps,
             given.equilibrium,
-            intervals,
+            given.turn == "flown",
+            tuple(getattr(mesh, f"{name}_intervals") for name in names),
             mesh.degree,
         )
+
+    @property
+    def phases(self) -> tuple[PhaseName, ...]:
+        """Phases of the cycle in their order."""
+        return (*PHASES, TURN.name) if self.turn else PHASES
 
     @property
     def points(self) -> int:
@@ -83,20 +103,27 @@ class Formulation:
         return sum(self.intervals) * self.degree
 
     def plain(self) -> Formulation:
-        """Return the formulation of least freedom: constant elevation, fixed power setting."""
-        return replace(self, traction_elevation="constant", power_setting="fixed")
+        """Return the formulation of least freedom: constant elevation, fixed power setting, no turn."""
+        count, fractions = len(PHASES), self.interval_fractions
+        return replace(
+            self,
+            traction_elevation="constant",
+            power_setting="fixed",
+            turn=False,
+            intervals=self.intervals[:count],
+            interval_fractions=None if fractions is None else fractions[:count],
+        )
 
     def refined(self) -> Formulation:
         """Return the same on a mesh of half the intervals' length."""
         if self.interval_fractions is not None:
             return self.on_mesh({name: mesh.refined() for name, mesh in self.mesh.items()})
-        first, second, third = self.intervals
-        return replace(self, intervals=(2 * first, 2 * second, 2 * third))
+        return replace(self, intervals=tuple(2 * count for count in self.intervals))
 
     def on_mesh(self, mesh: Mapping[str, PhaseMesh]) -> Formulation:
         """Return the same on any mesh, of intervals of any length."""
-        first, second, third = (mesh[name].interval_fractions for name in PHASES)
-        return replace(self, intervals=(len(first), len(second), len(third)), interval_fractions=(first, second, third))
+        fractions = tuple(mesh[name].interval_fractions for name in self.phases)
+        return replace(self, intervals=tuple(map(len, fractions)), interval_fractions=fractions)
 
     @property
     def mesh(self) -> dict[str, PhaseMesh]:
@@ -104,11 +131,11 @@ class Formulation:
         if self.interval_fractions is not None:
             return {
                 name: PhaseMesh(self.degree, fractions)
-                for name, fractions in zip(PHASES, self.interval_fractions, strict=True)
+                for name, fractions in zip(self.phases, self.interval_fractions, strict=True)
             }
         return {
             name: PhaseMesh.uniform(intervals=count, degree=self.degree)
-            for name, count in zip(PHASES, self.intervals, strict=True)
+            for name, count in zip(self.phases, self.intervals, strict=True)
         }
 
     def schedules_power_setting(self, kind: PhaseKind) -> bool:
@@ -127,21 +154,29 @@ def cycle_program(structure: Structure, formulation: Formulation) -> NonlinearPr
 def cycle_problem(structure: Structure, formulation: Formulation) -> OptimalControlProblem:
     """Declare the optimal control problem: phases, links between them, and the mean power to be maximised."""
     builder = PhaseBuilder(Model(parameters_of(structure)), formulation)
-    retraction, transition = builder.plane_phase(RETRACTION), builder.plane_phase(TRANSITION)
-    traction, statics = builder.traction_phase()
-    phases = [retraction, transition, traction]
+    phases: list[Phase] = []
+    statics: list[Static] = []
+    ends: dict[str, tuple[Any, Any]] = {}
+    for name in formulation.phases:
+        if name == TRACTION.name:
+            phase, statics = builder.traction_phase()
+            ends[name] = (builder.traction_start, builder.traction_end)
+        else:
+            phase = builder.plane_phase(KINDS[name])
+            ends[name] = (phase.start["elevation"], phase.end["elevation"])
+        phases.append(phase)
+    following = list(itertools.pairwise([*phases, phases[0]]))
     links = [
         Link(
             f"tether length at the end of the {before.name}",
             after.start["tether_length"] - before.end["tether_length"],
             scale=SCALES["tether_length"],
         )
-        for before, after in itertools.pairwise([*phases, retraction])
+        for before, after in following
     ]
     links += [
-        Link("elevation at the end of the retraction", transition.start["elevation"] - retraction.end["elevation"]),
-        Link("elevation at the end of the transition", transition.end["elevation"] - builder.traction_start),
-        Link("elevation at the end of the traction", retraction.start["elevation"] - builder.traction_end),
+        Link(f"elevation at the end of the {before.name}", ends[after.name][0] - ends[before.name][1])
+        for before, after in following
     ]
     p = builder.parameters
     links += [
@@ -156,16 +191,17 @@ def cycle_problem(structure: Structure, formulation: Formulation) -> OptimalCont
         if limit.quantity == "stroke" and phase.name in limit.phases
     ]
     if formulation.speed_jumps == "limited":
-        allowed = p["limits.reeling_acceleration_max_m_s2"] * p["limits.phase_change_time_s"]
+        pauses = pauses_after(formulation.phases, p["limits.phase_change_time_s"])
+        allowed = [p["limits.reeling_acceleration_max_m_s2"] * pause for pause in pauses]
         links += [
             Link(
                 f"{SPEED_JUMP} after the {before.name}",
                 after.first["reeling_speed"] - before.end["reeling_speed"],
-                -allowed,
-                allowed,
+                -most,
+                most,
                 scale=SCALES["reeling_speed"],
             )
-            for before, after in itertools.pairwise([*phases, retraction])
+            for (before, after), most in zip(following, allowed, strict=True)
         ]
     energy = sum(phase.integral[POWERS[formulation.objective]] for phase in phases)
     time = sum(phase.duration for phase in phases) + PHASE_CHANGES * p["limits.phase_change_time_s"]
@@ -179,7 +215,7 @@ def cycle_problem(structure: Structure, formulation: Formulation) -> OptimalCont
 def deferred_rows(program: NonlinearProgram, structure: Structure) -> list[int]:
     """Return the rows that a first solution may leave out: those of limits that are rarely active."""
     rows = list(program.find_rows(kind="rate"))
-    for phase in PHASES:
-        for name in rarely_active(structure, phase):
-            rows += list(program.find_rows(phase=phase, kind="path", name=name))
+    for phase in program.problem.phases:
+        for name in rarely_active(structure, KINDS[phase.name].name):  # type: ignore[index]
+            rows += list(program.find_rows(phase=phase.name, kind="path", name=name))
     return sorted(int(row) for row in rows)

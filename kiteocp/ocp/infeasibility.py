@@ -25,7 +25,7 @@ from kiteocp.physics.parameters import ParameterValues
 
 #: Mesh of the elastic program. The slacks differ from those of finer meshes by 1e-3 or less, but for cycles of a few
 #: seconds at the edge of feasibility, where it is up to 4 %.
-INTERVALS, DEGREE = (3, 2, 2), 3
+INTERVALS, DEGREE = (3, 2, 2, 2), 3
 
 #: Below this a slack is no relaxation: a thousandth of a limit is below its margin in a certificate, and the solver's
 #: own rest is 1e-6.
@@ -76,7 +76,8 @@ class _Search:
 
     def __init__(self, values: ParameterValues, formulation: Formulation) -> None:
         self.values = values
-        coarse = replace(formulation, equilibrium="implicit", intervals=INTERVALS, degree=DEGREE)
+        intervals = INTERVALS[: len(formulation.phases)]
+        coarse = replace(formulation, equilibrium="implicit", intervals=intervals, degree=DEGREE)
         self.elastic = elastic_program(values.structure, coarse)
         self.limits = [r.name for r in self.elastic.reliefs if r.name not in (WIND_UP, WIND_DOWN)]
         self.starts = 0

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from kiteocp.cycle.limits import Limit, limits_of
-from kiteocp.cycle.phases import PHASES, FlownPhase, PhaseName
+from kiteocp.cycle.phases import KINDS, FlownPhase, PhaseName, pauses_after
 from kiteocp.cycle.schedule import SCHEDULED, Schedule, fly_schedule, record_on_schedule
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.ocp.collocation import continuous_nodes, radau_points
@@ -59,7 +59,7 @@ class OptimalCycle:
     def of(cls, program: NonlinearProgram, solution: Solution, values: ParameterValues) -> OptimalCycle:
         """Read a solution."""
         trajectory = program.unpack(solution.x, solution.p)
-        schedules = tuple(schedule_of(trajectory, name) for name in PHASES)
+        schedules = tuple(schedule_of(trajectory, KINDS[name].name) for name in trajectory.phases)  # type: ignore[index]
         fractions = np.linspace(0.0, 1.0, SAMPLES)
         records = tuple(_record(values, trajectory, schedule, fractions) for schedule in schedules)
         jumps_limited = any(link.name.startswith(SPEED_JUMP) for link in program.problem.links)
@@ -73,6 +73,10 @@ class OptimalCycle:
     @property
     def _unbounded(self) -> set[str]:
         return {"elevation_rate"}.intersection(self.trajectory.statics)
+
+    def record(self, name: PhaseName) -> PhaseRecord:
+        """Return the record of a phase."""
+        return next(record for record in self.records if record.name == name)
 
     @cached_property
     def fine_records(self) -> tuple[PhaseRecord, ...]:
@@ -174,9 +178,10 @@ def _jump_limit(cycle: OptimalCycle, record: PhaseRecord) -> list[dict[str, Any]
 
 def speed_jumps(records: Sequence[PhaseRecord], values: ParameterValues) -> list[dict[str, Any]]:
     """Compare the change of reeling speed between phases with what the winch can do in the phase-change time."""
-    allowed = values["limits.reeling_acceleration_max_m_s2"] * values["limits.phase_change_time_s"]
+    pauses = pauses_after([record.name for record in records], values["limits.phase_change_time_s"])
     jumps = []
-    for before, after in zip(records, [*records[1:], records[0]], strict=True):
+    for before, after, pause in zip(records, [*records[1:], records[0]], pauses, strict=True):
+        allowed = values["limits.reeling_acceleration_max_m_s2"] * pause
         jump = float(after.output("reeling_speed")[0] - before.output("reeling_speed")[-1])
         jumps.append(
             {

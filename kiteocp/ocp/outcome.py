@@ -6,6 +6,7 @@ import time
 
 import numpy as np
 
+from kiteocp.cycle.phases import PHASES
 from kiteocp.cycle.simulation import simulate
 from kiteocp.cycle.summary import channels_of, cycle_summary, phase_summaries, validity_warnings
 from kiteocp.errors import CycleError
@@ -65,7 +66,7 @@ def result_of(optimum: Optimum, total_time_s: float) -> Result:
     cycle, values, problem = optimum.cycle, optimum.values, optimum.problem
     phases = phase_summaries(cycle.records, values)
     pause = values["limits.phase_change_time_s"]
-    traction = cycle.records[-1]
+    traction = cycle.record("traction")
     mean_elevation = float(np.trapezoid(traction.elevation_rad, traction.time_s)) / traction.duration_s
     # eq:meantractionaltitude with the lengths and the mean elevation that were flown.
     altitude = 0.5 * float(traction.tether_length_m[0] + traction.tether_length_m[-1]) * float(np.sin(mean_elevation))
@@ -140,7 +141,8 @@ def jump_warnings(cycle: OptimalCycle) -> list[str]:
 
 def degeneracy_warnings(cycle: OptimalCycle) -> list[str]:
     """Say where the optimum hardly is a pumping cycle: a small share of the stroke, reeled in within moments."""
-    values, (retraction, transition, traction) = cycle.values, cycle.records
+    values = cycle.values
+    retraction, transition, traction = (cycle.record(name) for name in PHASES)
     stroke = float(traction.tether_length_m[-1] - traction.tether_length_m[0])
     allowed = values["limits.tether_length_max_m"] - values["limits.tether_length_min_m"]
     inwards = retraction.duration_s + transition.duration_s

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from kiteocp.ocp.cycle_phases import SHORTEST_S
 from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.trajectory import Guess, PhaseGuess, Profile, Trajectory
 from kiteocp.physics.aerodynamics import total_drag_coefficient
@@ -42,6 +43,9 @@ STARTS = (
     Start("short cycle", 22.0, 40.0, 0.2, (15.0, 4.0, 20.0)),
     Start("steep transition", 27.0, 80.0, 1.0, (45.0, 12.0, 90.0)),
 )
+
+#: Duration of a turn at the start, and its climb as a share of that to the end of the retraction.
+TURN_S, TURN_CLIMB_SHARE = 4.0, 0.3
 
 #: How many random starts are tried where none of the others led to a cycle, and the seed that makes them repeatable.
 RESCUE_STARTS = 10
@@ -87,15 +91,22 @@ def guess_of(start: Start, values: ParameterValues, program: NonlinearProgram) -
     end = shortest + start.stroke_share * (longest - shortest)
     lowest, highest = values["limits.tether_force_min_N"], values["limits.tether_force_max_N"]
     low, top = np.radians([start.traction_elevation_deg, start.top_elevation_deg])
-    lengths = {"retraction": (end, shortest), "transition": (shortest, shortest), "traction": (shortest, end)}
-    elevations = {"retraction": (low, top), "transition": (top, low), "traction": (low, low)}
+    lengths = {
+        "retraction": (end, shortest),
+        "transition": (shortest, shortest),
+        "traction": (shortest, end),
+        "turn": (end, end),
+    }
+    turned = low + TURN_CLIMB_SHARE * (top - low) if len(program.problem.phases) > len(start.durations_s) else low
+    elevations = {"retraction": (turned, top), "transition": (top, low), "traction": (low, low), "turn": (low, turned)}
     forces = {
         "retraction": RETRACTION_FORCE_SHARE * lowest,
         "transition": 0.5 * (lowest + highest),
         "traction": TRACTION_FORCE_SHARE * highest,
+        "turn": TRACTION_FORCE_SHARE * highest,
     }
     phases = {}
-    for phase, duration in zip(program.problem.phases, start.durations_s, strict=True):
+    for phase, duration in zip(program.problem.phases, (*start.durations_s, TURN_S), strict=False):
         setting = "depowered" if phase.name == "retraction" else "powered"
         profiles: dict[str, Profile] = {
             "tether_length": _line(*lengths[phase.name]),
@@ -131,6 +142,7 @@ def enriched(trajectory: Trajectory, values: ParameterValues, program: Nonlinear
         "course": float(np.radians(values["operation.traction.course_deg"])),
     }
     phases = {}
+    known = {**known, "turn": _no_turn(trajectory, SHORTEST_S)}
     for phase in program.problem.phases:
         settings: dict[str, Profile] = {"power_setting": 0.0 if phase.name == "retraction" else 1.0}
         available = {**held, **settings, **known[phase.name].values}
@@ -138,6 +150,13 @@ def enriched(trajectory: Trajectory, values: ParameterValues, program: Nonlinear
         phases[phase.name] = PhaseGuess(known[phase.name].duration, {name: available[name] for name in names})
     fixed = {"elevation": elevation, "elevation_rate": 0.0}
     return Guess(phases, {static.name: fixed[static.name] for static in program.problem.statics})
+
+
+def _no_turn(trajectory: Trajectory, duration: float) -> PhaseGuess:
+    """Return a turn of next to no time where the traction of a cycle ends."""
+    traction, names = trajectory["traction"], ("tether_length", "radial_ground_force", "inflow_angle")
+    values: dict[str, Profile] = {name: float(traction.values[name][-1]) for name in names if name in traction.values}
+    return PhaseGuess(duration, {"elevation": trajectory.statics["elevation"], **values})
 
 
 def _line(start: float, end: float) -> Profile:

@@ -98,6 +98,8 @@ def parameter_values(problem: Problem, *, gravity: bool = True) -> ParameterValu
                 choices[key] = value
             else:
                 numbers[key] = float(value)
+    # What phases there are is of the structure too.
+    choices["optimisation.turn"] = str(content["optimisation"]["turn"])
     if not gravity:
         numbers["environment.gravity_m_s2"] = 0.0
     structure = Structure(tuple(numbers), tuple(sorted(choices.items())))

@@ -24,7 +24,12 @@ INK = "#222222"
 GREY = "#767676"
 BLUE = "#0072B2"
 GRID = "#dddddd"
-PHASE_COLOURS: dict[str, str] = {"retraction": "#D55E00", "transition": "#CC79A7", "traction": "#009E73"}
+PHASE_COLOURS: dict[str, str] = {
+    "retraction": "#D55E00",
+    "transition": "#CC79A7",
+    "traction": "#009E73",
+    "turn": "#E69F00",
+}
 PHASE_ALPHA = 0.11
 
 TITLE_SIZE = 12.0

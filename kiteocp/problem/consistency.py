@@ -88,6 +88,8 @@ def check_consistency(content: Block, given: Block, fail: Fail) -> None:
         ("limits.tether_length_min_m", "limits.tether_length_max_m"),
     ):
         comparison.ordered(low, high)
+    if content["optimisation"]["turn"] == "flown":
+        comparison.ordered("operation.traction.elevation_deg", "operation.turn.elevation_deg")
     for low, high in _ranges():
         if not (comparison.absent(low) or comparison.absent(high)):
             comparison.ordered(low, high, equal=True)

@@ -11,6 +11,8 @@ from kiteocp.problem.catalogue import MISSING, Key, catalogue
 FORCE_RATIO_MIN = 0.03
 #: Retraction force over largest tether force of a prescribed cycle that does not give it.
 FORCE_RATIO_RETRACTION = 0.25
+#: How far the prescribed turn climbs where its end is not given.
+TURN_CLIMB_DEG = 15.0
 #: Mesh intervals of a phase: one smooth curve of the force needs few, a schedule beside it more.
 PLAIN_RETRACTION_INTERVALS, PLAIN_TRACTION_INTERVALS, RICH_INTERVALS = 3, 1, 4
 #: Where the course steers the elevation, an optimum on fewer intervals dives between the points below its least one.
@@ -32,6 +34,8 @@ def resolved(content: dict[str, Any]) -> dict[str, Any]:
     _derive(limits, "tether_force_min_N", FORCE_RATIO_MIN * largest)
     _derive(traction, "tether_force_N", largest)
     _derive(retraction, "tether_force_N", max(FORCE_RATIO_RETRACTION * largest, limits["tether_force_min_N"]))
+    _derive(operation["turn"], "tether_force_N", traction["tether_force_N"])
+    _derive(operation["turn"], "elevation_deg", traction["elevation_deg"] + TURN_CLIMB_DEG)
     _derive(limits, "tether_length_min_m", operation["tether_length_min_m"])
     _derive(limits, "tether_length_max_m", operation["tether_length_max_m"])
     optimisation = filled["optimisation"]

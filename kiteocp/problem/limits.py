@@ -18,7 +18,7 @@ from kiteocp.problem.fields import ForcePlace, quantity, text
 #: negative quantity from below, ``magnitude`` bounds from both sides, ``tangent`` is that of the bounded angle.
 Measure = Literal["same", "opposite", "magnitude", "tangent"]
 
-PHASES = ("retraction", "transition", "traction")
+PHASES = ("retraction", "transition", "traction", "turn")
 
 
 @dataclass(frozen=True)
@@ -113,7 +113,7 @@ class Limits(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             at="limits.tether_force_min_at",
             gt=0,
             derived="3 % of limits.tether_force_max_N",
-            rarely=("traction",),
+            rarely=("traction", "turn"),
             cannot="hold the minimum tether force of {} N",
             needs="a minimum tether force of {} N",
             more="more minimum tether force",
@@ -293,7 +293,7 @@ class Limits(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             cannot="keep its traction below {} deg of elevation",
             needs="a highest traction elevation of {} deg",
             more="more maximum elevation in traction",
-            level="maximum in traction",
+            level="traction max",
         ),
     ] = 60.0
     elevation_max_deg: Annotated[
@@ -304,7 +304,7 @@ class Limits(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             "elevation",
             gt=0,
             le=180,
-            phases=("retraction", "transition"),
+            phases=("retraction", "transition", "turn"),
             cannot="stay below {} deg of elevation",
             needs="a highest elevation of {} deg",
             more="more maximum elevation",
@@ -398,11 +398,25 @@ class Limits(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             more="more minimum duration of the transition",
         ),
     ] = 0.2
+    turn_duration_min_s: Annotated[
+        float,
+        limit(
+            "s",
+            "shortest turn, where optimisation.turn is flown; less than 1 ms counts as 1 ms",
+            "duration",
+            whole=True,
+            ge=0,
+            phases=("turn",),
+            cannot="fly a turn of at least {} s",
+            needs="a shortest turn of {} s",
+            more="more minimum duration of the turn",
+        ),
+    ] = 0.001
     phase_duration_max_s: Annotated[
         float,
         limit(
             "s",
-            "longest retraction, transition and traction",
+            "longest retraction, transition, traction and turn",
             "duration",
             whole=True,
             gt=0,

@@ -38,6 +38,24 @@ class RetractionOperation(Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     ]
 
 
+class TurnOperation(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The prescribed turn from traction to retraction, a powered climb, where ``optimisation.turn`` is ``flown``."""
+
+    tether_force_N: Annotated[
+        float, quantity("N", "tether force held by the winch", gt=0, derived="operation.traction.tether_force_N")
+    ]
+    elevation_deg: Annotated[
+        float,
+        quantity(
+            "deg",
+            "elevation angle at which the turn ends",
+            gt=0,
+            le=180,
+            derived="15 deg above operation.traction.elevation_deg",
+        ),
+    ]
+
+
 class Operation(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The prescribed cycle of the forward simulation."""
 
@@ -46,6 +64,7 @@ class Operation(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     tether_length_max_m: Annotated[float, quantity("m", "tether length at which traction ends", gt=0)] = 400.0
     traction: Annotated[TractionOperation, section("reel-out", derived="the defaults of its keys")]
     retraction: Annotated[RetractionOperation, section("reel-in", derived="the defaults of its keys")]
+    turn: Annotated[TurnOperation, section("powered climb after reel-out", derived="the defaults of its keys")]
 
 
 class Machine(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -77,6 +96,7 @@ class Mesh(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
             derived="1 for a constant elevation and a fixed power setting, 8 for a course-coupled elevation, else 4",
         ),
     ]
+    turn_intervals: Annotated[int, quantity("1", "intervals of the turn", ge=1, le=200)] = 2
     degree: Annotated[int, quantity("1", "Radau points of an interval", ge=1, le=9)] = 5
 
 
@@ -92,6 +112,10 @@ class Optimisation(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     power_setting: Annotated[Literal["fixed", "traction", "all"], text("where the kite may be partly depowered")] = (
         "fixed"
     )
+    turn: Annotated[
+        Literal["none", "flown"],
+        text("whether the kite climbs under power between traction and retraction, as a phase of its own"),
+    ] = "none"
     speed_jumps: Annotated[
         Literal["free", "limited"],
         text("whether the reeling speed may jump between phases by more than the winch can do meanwhile"),

@@ -134,6 +134,8 @@ _UNCERTAINTY_EXAMPLES = (
 _DERIVED = {
     "operation.traction.tether_force_N": "5000",
     "operation.retraction.tether_force_N": "1250",
+    "operation.turn.tether_force_N": "5000",
+    "operation.turn.elevation_deg": "42.0",
     "limits.tether_force_min_N": "150",
     "limits.tether_length_min_m": "200",
     "limits.tether_length_max_m": "400",

@@ -87,7 +87,7 @@ def test_what_has_no_influence_shows_zero_and_not_noise(name: str) -> None:
         # Without weight the forces on the kite do not depend on where it heads to.
         weights = () if gravity else (GRAVITY, "kite.mass_kg", "tether.density_kg_m3", "operation.traction.course_deg")
         silent = {key for key, column in zip(study.keys, study.jacobian.T, strict=True) if not column.any()}
-        unused = {key for key in study.keys if key.startswith(("limits.", "machine."))}
+        unused = {key for key in study.keys if key.startswith(("limits.", "machine.", "operation.turn."))}
         assert silent == {*unused, *weights}
         # The depowered retraction knows nothing of the kite's powered coefficients.
         for quantity in ("duration_s", "energy_J", "mean_power_W"):

@@ -113,7 +113,7 @@ def test_phases_end_where_the_switching_conditions_say(cycle, flown):
 
 def test_the_retraction_also_ends_at_the_highest_elevation(cycle, laws):
     values = cycle.values.replaced({"limits.elevation_max_deg": 50.0})
-    ends = Switching(200.0, 50.0, 20.0, 400.0, 20.0)
+    ends = Switching(200.0, 50.0, 20.0, 400.0, 20.0, 400.0)
     retraction = fly_laws(values, laws, ends, held_of(cycle))[0]
     assert np.degrees(retraction.elevation_rad[-1]) == pytest.approx(50.0, abs=1e-9)
     assert retraction.tether_length_m[-1] > 250.0

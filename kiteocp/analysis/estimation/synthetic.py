@@ -14,10 +14,10 @@ from scipy.interpolate import CubicSpline
 
 from kiteocp.analysis.estimation.profile import ground_height
 from kiteocp.analysis.flights import FlightData
+from kiteocp.cycle.motion import at_ground_force, motion
 from kiteocp.cycle.phases import KINDS, PHASES, PhaseName
 from kiteocp.errors import InputError
 from kiteocp.execution import one_at_a_time
-from kiteocp.physics.equilibrium import explicit_state
 from kiteocp.physics.model import Model
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values, parameters_of
 from kiteocp.result import Result
@@ -193,13 +193,11 @@ def _state_function(structure: Structure, name: PhaseName) -> ca.Function:
     parameters = parameters_of(structure)
     model, kind, inputs = Model(parameters), KINDS[name], ca.SX.sym("inputs", 3)
     length, elevation, tension = ca.vertsplit(inputs)
-    position = kind.position(model, length, elevation * (np.pi / 180))
-    around = model.surroundings(position, model.coefficients(kind.setting))
-    state = explicit_state(model, position, around, model.radial_ground_force(around, tension, "ground"))
+    state = motion(model, kind, length, elevation * (np.pi / 180), at_ground_force(tension)).flight
     outputs = (
         length,
         elevation,
-        around.height,
+        state.surroundings.height,
         state.reeling_speed,
         state.tangential_speed,
         state.apparent_wind_speed,

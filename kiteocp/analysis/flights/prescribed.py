@@ -16,22 +16,16 @@ import numpy as np
 from kiteocp.analysis.flights.measured import MeasuredCycle, MeasuredPhase
 from kiteocp.cycle.integrator import IntegrationError, Integrator
 from kiteocp.cycle.laws import STATE, phase_functions
-from kiteocp.cycle.phases import RETRACTION, TRACTION, TRANSITION, PhaseKind
+from kiteocp.cycle.motion import at_ground_force, motion
+from kiteocp.cycle.phases import TURN
 from kiteocp.cycle.simulation import LONGEST_PHASE, SCALES
 from kiteocp.errors import CycleError
-from kiteocp.physics import kinematics
-from kiteocp.physics.equilibrium import OUTPUTS, explicit_state, outputs_of
-from kiteocp.physics.kinematics import UP
+from kiteocp.physics.equilibrium import OUTPUTS, outputs_of
 from kiteocp.physics.model import Model
 from kiteocp.physics.parameters import ParameterValues, Structure, parameters_of
 
 #: Where the state of the model is known by these names.
 LENGTH, ELEVATION = STATE.index("tether_length_m"), STATE.index("elevation_rad")
-
-#: The turn: powered and straight up.
-TURN = PhaseKind("traction", "powered", UP)
-
-KINDS = {"retraction": RETRACTION, "transition": TRANSITION, "traction": TRACTION, "turn": TURN}
 
 #: Parts of an integrator's step between samples.
 PARTS = 8
@@ -153,16 +147,13 @@ def _outputs(structure: Structure, name: str) -> ca.Function:
 def _functions(structure: Structure, name: str) -> tuple[ca.Function, ca.Function]:
     """Build (once) ``(state, p) -> rates`` and ``-> outputs``: the turn's here, the others are the cycle's own."""
     if name != "turn":
-        functions = phase_functions(structure, KINDS[name].name)
+        functions = phase_functions(structure, name)
         return functions.rates, functions.outputs
     parameters, state = parameters_of(structure), ca.SX.sym("state", len(STATE))
-    model = Model(parameters)
-    position = TURN.position(model, state[LENGTH], state[ELEVATION])
-    around = model.surroundings(position, model.coefficients(TURN.setting))
-    force = model.radial_ground_force(around, parameters["operation.traction.tether_force_N"], "ground")
-    flight = explicit_state(model, position, around, force)
-    climb = kinematics.elevation_rate(flight.tangential_speed, UP, state[LENGTH])
-    rates = ca.vertcat(1.0, flight.reeling_speed, climb, flight.power)
+    held = at_ground_force(parameters["operation.traction.tether_force_N"])
+    moved = motion(Model(parameters), TURN, state[LENGTH], state[ELEVATION], held)
+    flight = moved.flight
+    rates = ca.vertcat(1.0, flight.reeling_speed, moved.elevation_rate, flight.power)
     outputs = outputs_of(flight)
     arguments = [state, parameters.vector]
     return (
