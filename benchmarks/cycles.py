@@ -7,7 +7,7 @@ import numpy as np
 import kiteocp
 from benchmarks.caches import clear_caches
 from benchmarks.timing import Line, time_call, time_calls
-from kiteocp.cycle.batch import simulate_batch
+from kiteocp.cycle.fast.batch import simulate_batch
 from kiteocp.cycle.simulation import fly
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem

@@ -7,9 +7,9 @@ from statistics import median
 import kiteocp
 from benchmarks.caches import clear_caches
 from benchmarks.timing import Line, time_call
-from kiteocp.ocp.formulation import Formulation
-from kiteocp.ocp.search import cycle_solver, solver_options
-from kiteocp.ocp.solution import optimise
+from kiteocp.optimum.program import Formulation
+from kiteocp.optimum.refine import optimise
+from kiteocp.optimum.search import cycle_solver, solver_options
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem
 

@@ -23,13 +23,13 @@ import numpy as np
 from benchmarks.family import WIND_KEY, Member, random_draws, wind_sweeps
 from benchmarks.robustness_outcome import SHORTFALL, Outcome, report, shortfall_of
 from kiteocp.errors import InfeasibleError, InputError, SolveError
-from kiteocp.ocp.certificate import limit_margins, limits_check, resimulation_check
-from kiteocp.ocp.formulation import Formulation
 from kiteocp.ocp.nlpsolver import Solution, Solver
-from kiteocp.ocp.optimum import OptimalCycle
-from kiteocp.ocp.search import Attempt, best_of, cycle_solver, solver_options
-from kiteocp.ocp.solution import Optimum, optimise
-from kiteocp.ocp.starts import STARTS, Start, guess_of, random_start
+from kiteocp.optimum.certificate import limit_margins, limits_check, resimulation_check
+from kiteocp.optimum.cycle import OptimalCycle
+from kiteocp.optimum.program import Formulation
+from kiteocp.optimum.refine import Optimum, optimise
+from kiteocp.optimum.search import Attempt, best_of, cycle_solver, solver_options
+from kiteocp.optimum.starts import STARTS, Start, guess_of, random_start
 from kiteocp.physics.parameters import ParameterValues, parameter_values
 from kiteocp.problem import Problem
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from kiteocp.ocp.infeasibility import NOTHING
+from kiteocp.optimum.infeasibility import NOTHING
 
 #: A power this much below the best known, relative, is not the optimum.
 SHORTFALL = 1e-3

@@ -6,8 +6,8 @@ import numpy as np
 
 import kiteocp
 from benchmarks.timing import Line, time_calls
-from kiteocp.cycle.buffered import BufferedFunction
 from kiteocp.cycle.laws import phase_functions
+from kiteocp.numerics.buffered import BufferedFunction
 from kiteocp.physics.parameters import parameter_values
 
 BATCH = 1000

@@ -12,65 +12,64 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from kiteocp._version import __version__ as __version__
+
 if TYPE_CHECKING:
     from kiteocp import errors as errors
     from kiteocp import plots as plots
-    from kiteocp.analysis.crosswind import crosswind as crosswind
-    from kiteocp.analysis.crosswind import representative_course as representative_course
-    from kiteocp.analysis.estimation.study import estimate as estimate
-    from kiteocp.analysis.flights import FlightData as FlightData
-    from kiteocp.analysis.flights import load_flight as load_flight
-    from kiteocp.analysis.flights.study import validate_flight as validate_flight
-    from kiteocp.analysis.sensitivity import sensitivities as sensitivities
-    from kiteocp.analysis.validation.paper import validate_paper as validate_paper
-    from kiteocp.analysis.winch import export_schedule as export_schedule
     from kiteocp.cycle import simulate as simulate
-    from kiteocp.cycle.batch import BatchResult as BatchResult
-    from kiteocp.cycle.batch import simulate_batch as simulate_batch
+    from kiteocp.cycle.fast.batch import BatchResult as BatchResult
+    from kiteocp.cycle.fast.batch import simulate_batch as simulate_batch
     from kiteocp.errors import CycleError as CycleError
     from kiteocp.errors import InputError as InputError
     from kiteocp.errors import KiteocpError as KiteocpError
     from kiteocp.errors import NoEquilibriumError as NoEquilibriumError
     from kiteocp.errors import SolveError as SolveError
-    from kiteocp.ocp import solve as solve
+    from kiteocp.optimum.solve import solve as solve
     from kiteocp.physics.flight import flight_state as flight_state
     from kiteocp.problem import Problem as Problem
     from kiteocp.problem import load_problem as load_problem
     from kiteocp.problem import shipped_problems as shipped_problems
+    from kiteocp.recording import FlightData as FlightData
+    from kiteocp.recording import load_flight as load_flight
     from kiteocp.result import Result as Result
     from kiteocp.result import load_result as load_result
-
-#: The one place of the version; the build reads it here.
-__version__ = "0.1.0"
+    from kiteocp.studies.crosswind.study import crosswind as crosswind
+    from kiteocp.studies.crosswind.study import representative_course as representative_course
+    from kiteocp.studies.estimation.study import estimate as estimate
+    from kiteocp.studies.paper.paper import validate_paper as validate_paper
+    from kiteocp.studies.prediction.study import validate_flight as validate_flight
+    from kiteocp.studies.sensitivity.local import sensitivities as sensitivities
+    from kiteocp.studies.winch.export import export_schedule as export_schedule
 
 #: Modules that are used by their names, as ``kiteocp.plots.draw``.
 _MODULES = ("errors", "plots")
 
 _HOMES: dict[str, str] = {
-    "BatchResult": "kiteocp.cycle.batch",
+    "BatchResult": "kiteocp.cycle.fast.batch",
     "CycleError": "kiteocp.errors",
-    "FlightData": "kiteocp.analysis.flights",
+    "FlightData": "kiteocp.recording",
     "InputError": "kiteocp.errors",
     "KiteocpError": "kiteocp.errors",
     "NoEquilibriumError": "kiteocp.errors",
     "Problem": "kiteocp.problem",
     "Result": "kiteocp.result",
     "SolveError": "kiteocp.errors",
-    "crosswind": "kiteocp.analysis.crosswind",
-    "estimate": "kiteocp.analysis.estimation.study",
-    "export_schedule": "kiteocp.analysis.winch",
+    "crosswind": "kiteocp.studies.crosswind.study",
+    "estimate": "kiteocp.studies.estimation.study",
+    "export_schedule": "kiteocp.studies.winch.export",
     "flight_state": "kiteocp.physics.flight",
-    "load_flight": "kiteocp.analysis.flights",
+    "load_flight": "kiteocp.recording",
     "load_problem": "kiteocp.problem",
     "load_result": "kiteocp.result",
-    "representative_course": "kiteocp.analysis.crosswind",
+    "representative_course": "kiteocp.studies.crosswind.study",
     "shipped_problems": "kiteocp.problem",
-    "sensitivities": "kiteocp.analysis.sensitivity",
+    "sensitivities": "kiteocp.studies.sensitivity.local",
     "simulate": "kiteocp.cycle",
-    "simulate_batch": "kiteocp.cycle.batch",
-    "solve": "kiteocp.ocp",
-    "validate_flight": "kiteocp.analysis.flights.study",
-    "validate_paper": "kiteocp.analysis.validation.paper",
+    "simulate_batch": "kiteocp.cycle.fast.batch",
+    "solve": "kiteocp.optimum.solve",
+    "validate_flight": "kiteocp.studies.prediction.study",
+    "validate_paper": "kiteocp.studies.paper.paper",
 }
 
 __all__ = [

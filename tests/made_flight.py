@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 import kiteocp
-from kiteocp.analysis.estimation.synthetic import Noise, flight_of_result
-from kiteocp.analysis.flights import FlightData
+from kiteocp.recording import FlightData
+from kiteocp.studies.estimation.synthetic import Noise, flight_of_result
 
 #: What the flown system is, where it is not the shipped v9-kite: nobody who estimates it is told.
 TRUTH = {

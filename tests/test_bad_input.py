@@ -20,11 +20,11 @@ import yaml
 from made_flight import kitepower_rows, made_flight, write_csv
 
 import kiteocp
-from kiteocp.analysis.flights.columns import load_columns
 from kiteocp.cli.main import main
 from kiteocp.errors import InputError, one_sentence, printable, shortened
 from kiteocp.problem.files import read_source
 from kiteocp.problem.reading import VALUE_LIMIT, parse
+from kiteocp.recording.columns import load_columns
 
 STRONG = kiteocp.shipped_problems()["strong-wind"].read_text()
 

@@ -11,9 +11,9 @@ import pytest
 from made_flight import TRUTH, kitepower_rows, made_flight, write_csv
 
 import kiteocp
-from kiteocp.analysis.estimation.synthetic import Noise
 from kiteocp.cli.main import main
 from kiteocp.result import load_result
+from kiteocp.studies.estimation.synthetic import Noise
 
 NOISE = Noise(speed_m_s=0.2, force_share=0.03, airspeed_m_s=0.4, wind_share=0.1, wrong_share=0.02)
 

@@ -100,7 +100,7 @@ def test_the_result_of_another_verb_is_refused(capsys: pytest.CaptureFixture[str
 def test_what_cannot_be_written_is_found_before_computing(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, option: str
 ) -> None:
-    monkeypatch.setattr("kiteocp.ocp.solve", lambda *_: pytest.fail("it computed"))
+    monkeypatch.setattr("kiteocp.optimum.solve.solve", lambda *_: pytest.fail("it computed"))
     Path("taken").write_text("mine")
     assert main(["solve", "strong-wind", option, "taken/below"]) == 2
     assert "taken/below: cannot be written" in capsys.readouterr().err

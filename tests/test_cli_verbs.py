@@ -10,7 +10,7 @@ import pytest
 from made_result import make_optimum, make_result
 
 import kiteocp.cycle
-import kiteocp.ocp
+import kiteocp.optimum.solve
 from kiteocp import CycleError, NoEquilibriumError, SolveError, shipped_problems
 from kiteocp.cli.main import main
 from kiteocp.result import storage
@@ -31,7 +31,7 @@ def made_up(monkeypatch):
         return make_result(problem=problem)
 
     monkeypatch.setattr(kiteocp.cycle, "simulate", simulate)
-    monkeypatch.setattr(kiteocp.ocp, "solve", lambda _problem, **_options: make_optimum(), raising=False)
+    monkeypatch.setattr(kiteocp.optimum.solve, "solve", lambda _problem, **_options: make_optimum(), raising=False)
     return asked
 
 
@@ -100,7 +100,7 @@ def test_solve_then_plot_draws_the_same_picture(capsys):
     ],
 )
 def test_a_calculation_without_an_answer_is_saved_and_said(capsys, monkeypatch, error, status):
-    monkeypatch.setattr(kiteocp.ocp, "solve", raising(error), raising=False)
+    monkeypatch.setattr(kiteocp.optimum.solve, "solve", raising(error), raising=False)
     code = main(["solve", "strong-wind", "-o", "out"])
     assert code == 1
     one_sentence(capsys, code, "strong-wind", status, error.cause, "out")
@@ -114,7 +114,7 @@ def test_a_calculation_without_an_answer_is_saved_and_said(capsys, monkeypatch, 
 
 def test_a_result_that_is_not_certified_is_saved_drawn_and_exit_status_1(capsys, monkeypatch):
     reached = make_result("solve", status="not_certified", details={"message": "the mesh is too coarse"})
-    monkeypatch.setattr(kiteocp.ocp, "solve", lambda _problem, **_options: reached, raising=False)
+    monkeypatch.setattr(kiteocp.optimum.solve, "solve", lambda _problem, **_options: reached, raising=False)
     code = main(["solve", "strong-wind", "-o", "out"])
     assert code == 1
     one_sentence(capsys, code, "not_certified: the mesh is too coarse")

@@ -18,7 +18,23 @@ import kiteocp
 PACKAGE = Path(kiteocp.__file__).parent
 ROOT = PACKAGE.parent
 #: Each may import only from itself and those before it.
-ROOMS = ("errors", "execution", "report", "problem", "result", "physics", "cycle", "ocp", "analysis", "plots", "cli")
+ROOMS = (
+    "_version",
+    "errors",
+    "execution",
+    "numerics",
+    "report",
+    "ocp",
+    "problem",
+    "physics",
+    "result",
+    "recording",
+    "cycle",
+    "optimum",
+    "studies",
+    "plots",
+    "cli",
+)
 HEAVY = ("casadi", "matplotlib", "numpy", "scipy")
 MODULES = sorted(path for path in PACKAGE.rglob("*.py") if path.parent != PACKAGE or path.stem in ROOMS)
 
@@ -80,3 +96,70 @@ def test_versions_and_licence_agree() -> None:
         r"^## \[(Unreleased|" + re.escape(kiteocp.__version__) + r")\]", (ROOT / "CHANGELOG.md").read_text(), re.M
     )
     assert citation["references"][0]["doi"] == "10.1016/j.renene.2018.07.023"
+
+
+def imports_of_modules() -> dict[str, set[str]]:
+    """What each module of the package imports of it, in functions too; what only type checkers read does not count."""
+    modules = {}
+    for path in PACKAGE.rglob("*.py"):
+        parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+        modules[".".join(parts).removesuffix(".__init__")] = path
+    found: dict[str, set[str]] = {}
+    for name, path in modules.items():
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        typing_only = {
+            id(inner)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.If) and getattr(node.test, "id", None) == "TYPE_CHECKING"
+            for part in node.body
+            for inner in ast.walk(part)
+        }
+        found[name] = set()
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom) and id(node) not in typing_only:
+                for alias in node.names:
+                    full = f"{node.module}.{alias.name}"
+                    found[name].add(full if full in modules else str(node.module))
+            elif isinstance(node, ast.Import) and id(node) not in typing_only:
+                found[name].update(alias.name for alias in node.names)
+        found[name] = (found[name] & set(modules)) - {name}
+    return found
+
+
+def circle_in(graph: dict[str, set[str]]) -> list[str]:
+    """Return what can be reached from itself: what is left after taking away what imports nothing that is left."""
+    left = dict(graph)
+    while free := [name for name, needs in left.items() if not needs & set(left)]:
+        for name in free:
+            del left[name]
+    return sorted(left)
+
+
+def test_no_module_imports_in_a_circle() -> None:
+    assert circle_in(imports_of_modules()) == []
+    assert circle_in({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == ["a", "b", "c", "d"]
+
+
+def test_no_room_imports_in_a_circle() -> None:
+    """Each room of ``studies`` counts for itself."""
+
+    def room(module: str) -> str:
+        parts = module.split(".")[1:]
+        return ".".join(parts[:2] if parts[:1] == ["studies"] else parts[:1])
+
+    rooms: dict[str, set[str]] = {}
+    for module, needs in imports_of_modules().items():
+        rooms.setdefault(room(module), set()).update(room(need) for need in needs)
+    assert circle_in({name: needs - {name} for name, needs in rooms.items()}) == []
+
+
+@pytest.mark.parametrize("room", ["ocp", "numerics", "report"])
+def test_what_is_general_knows_nothing_of_kites(room: str) -> None:
+    words = re.compile(r"\b(kite|kites|tether|reel|reeling|winch|retraction|traction|elevation|wind)\b", re.IGNORECASE)
+    strangers = ("problem", "physics", "cycle", "optimum", "studies", "recording", "result", "plots", "cli")
+    for path in sorted((PACKAGE / room).glob("*.py")):
+        for line, name in imports(path):
+            assert not name.startswith(tuple(f"kiteocp.{other}" for other in strangers)), f"{path}:{line}: {name}"
+        # That it knows nothing of kites is what it may say.
+        text = re.sub(r"(nothing|knows|no).{0,25}kites", "", path.read_text(encoding="utf-8"))
+        assert [line for line in text.splitlines() if words.search(line)] == [], path

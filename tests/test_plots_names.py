@@ -12,7 +12,6 @@ from made_result import make_optimum, make_result
 from matplotlib.figure import Figure
 
 from kiteocp import load_problem, simulate, solve
-from kiteocp.analysis.global_report import _histogram
 from kiteocp.cli.main import main
 from kiteocp.plots import draw
 from kiteocp.plots.cycle import compose_cycle, compose_optimum
@@ -22,6 +21,7 @@ from kiteocp.plots.style import make_figure, write_line
 from kiteocp.plots.words import label_of, words_of
 from kiteocp.problem.catalogue import catalogue
 from kiteocp.result import Result
+from kiteocp.studies.sensitivity.sobol_report import _histogram
 
 PHASES = ("retraction", "transition", "traction")
 

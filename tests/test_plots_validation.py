@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from kiteocp import load_problem, simulate
-from kiteocp.analysis.validation.convergence import Convergence, Curve
-from kiteocp.analysis.validation.gravity_isolines import GravityIsolines, mass_isolines
 from kiteocp.plots.style import BLUE, INK, phase_colour, save_figure
 from kiteocp.plots.validation import CAPTIONS, figures
 from kiteocp.plots.validation_studies import draw_mass_isolines, isoline_levels
+from kiteocp.studies.paper.convergence import Convergence, Curve
+from kiteocp.studies.paper.isolines import GravityIsolines, mass_isolines
 
 INCLUDED, EXCLUDED = "gravity included", "gravity excluded"
 

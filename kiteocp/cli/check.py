@@ -5,9 +5,9 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from kiteocp.cli.calculation import load
 from kiteocp.cli.output import complain, say
 from kiteocp.cli.parser import add_overrides
+from kiteocp.cli.run import load
 from kiteocp.errors import InputError
 
 if TYPE_CHECKING:

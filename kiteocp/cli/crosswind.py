@@ -6,8 +6,8 @@ import argparse
 import math
 from typing import TYPE_CHECKING
 
-from kiteocp.cli.calculation import asked_of, conclude, failed_result, load, place_of, save, saved_if_interrupted
 from kiteocp.cli.parser import add_calculation, positive_number
+from kiteocp.cli.run import asked_of, conclude, failed_result, load, place_of, save, saved_if_interrupted
 from kiteocp.errors import InputError, NoEquilibriumError
 
 if TYPE_CHECKING:
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 NAME = "crosswind"
 HELP = "resolve the crosswind manoeuvres of the traction, and find its representative course"
 
-#: As `kiteocp.analysis.crosswind_path.PATHS`, which cannot be imported for the help without loading NumPy.
+#: As `kiteocp.studies.crosswind.path.PATHS`, which cannot be imported for the help without loading NumPy.
 _PATHS = ("eight-up", "eight-down", "circle")
 
 
@@ -89,7 +89,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _computed(problem: Problem, arguments: argparse.Namespace) -> Result:
     # Imported once the problem is known to be good: a mistake in it is answered without waiting for CasADi.
-    from kiteocp.analysis.crosswind import crosswind  # noqa: PLC0415
+    from kiteocp.studies.crosswind.study import crosswind  # noqa: PLC0415
 
     circle = arguments.path == "circle"
     try:
@@ -108,7 +108,7 @@ def _computed(problem: Problem, arguments: argparse.Namespace) -> Result:
 
 
 def _report(result: Result) -> str:
-    from kiteocp.analysis.crosswind_report import format_crosswind  # noqa: PLC0415  (keeps --help fast)
+    from kiteocp.studies.crosswind.report import format_crosswind  # noqa: PLC0415  (keeps --help fast)
 
     return format_crosswind(result)
 

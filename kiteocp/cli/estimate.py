@@ -6,13 +6,13 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kiteocp.cli.calculation import asked_of, conclude, digest_of, load, place_of, save, saved_if_interrupted
 from kiteocp.cli.parser import add_output, add_overrides, number_from_zero, positive_number
+from kiteocp.cli.run import asked_of, conclude, digest_of, load, place_of, save, saved_if_interrupted
 from kiteocp.errors import InputError
 
 if TYPE_CHECKING:
-    from kiteocp.analysis.estimation.estimates import Estimation
     from kiteocp.problem import Problem
+    from kiteocp.studies.estimation.estimates import Estimation
 
 NAME = "estimate"
 HELP = "estimate the aerodynamics of a kite, and the wind, from flight data"
@@ -78,9 +78,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Estimate, save, print and draw."""
-    from kiteocp.analysis.estimation.replacement import FILE, problem_yaml  # noqa: PLC0415  (keeps --help fast)
-    from kiteocp.analysis.estimation.report import format_estimates  # noqa: PLC0415
     from kiteocp.result import write_atomically  # noqa: PLC0415
+    from kiteocp.studies.estimation.replacement import FILE, problem_yaml  # noqa: PLC0415  (keeps --help fast)
+    from kiteocp.studies.estimation.report import format_estimates  # noqa: PLC0415
 
     problem = load(arguments.system, arguments.overrides)
     flight = Path(arguments.flight)
@@ -106,9 +106,9 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _estimated(arguments: argparse.Namespace, problem: Problem) -> Estimation:
-    from kiteocp.analysis.estimation.study import estimate  # noqa: PLC0415
-    from kiteocp.analysis.estimation.unknowns import WindUnknowns  # noqa: PLC0415
-    from kiteocp.analysis.flights import load_flight  # noqa: PLC0415
+    from kiteocp.recording import load_flight  # noqa: PLC0415
+    from kiteocp.studies.estimation.study import estimate  # noqa: PLC0415
+    from kiteocp.studies.estimation.unknowns import WindUnknowns  # noqa: PLC0415
 
     flight = load_flight(arguments.flight, arguments.columns)
     if not (flight.phase == "traction").any():

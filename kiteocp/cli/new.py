@@ -38,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     if os.path.lexists(path):
         raise InputError(f"{path}: is there already and is not overwritten; choose another file with -o FILE")
     if arguments.columns:
-        from kiteocp.analysis.flights.template import columns_template  # noqa: PLC0415
+        from kiteocp.recording.template import columns_template  # noqa: PLC0415
 
         content = columns_template(name)
     else:

@@ -8,18 +8,18 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kiteocp.cli.calculation import asked_of, conclude, failed_result, load, place_of, save, saved_if_interrupted
 from kiteocp.cli.output import complain
 from kiteocp.cli.parser import add_calculation
 from kiteocp.cli.progress import Progress, positive_integer
+from kiteocp.cli.run import asked_of, conclude, failed_result, load, place_of, save, saved_if_interrupted
 from kiteocp.errors import CycleError, InputError, SolveError
 from kiteocp.execution import uninterrupted
 
 if TYPE_CHECKING:
-    from kiteocp.analysis.global_study import GlobalStudy
-    from kiteocp.analysis.variation import Variation
     from kiteocp.problem import Problem
     from kiteocp.result import Result
+    from kiteocp.studies.sensitivity.sobol import GlobalStudy
+    from kiteocp.studies.sensitivity.variation import Variation
 
 NAME = "sensitivity"
 HELP = "say what the optimal power is worth in every number and limit of a problem"
@@ -98,7 +98,7 @@ def _variation(problem: Problem, arguments: argparse.Namespace) -> tuple[str, li
     if arguments.vary is None:
         return None
     # Imported once the problem is known to be good: a mistake in it is answered without waiting for CasADi.
-    from kiteocp.analysis.variation import parse_variation, varied_problems  # noqa: PLC0415
+    from kiteocp.studies.sensitivity.variation import parse_variation, varied_problems  # noqa: PLC0415
 
     asked = parse_variation(arguments.vary)
     varied_problems(problem, *asked)
@@ -127,8 +127,8 @@ class _Study:
         wide: dict[str, int] | None,
     ) -> str | None:
         """Differentiate, vary and propagate; return why the prescribed cycle has no derivatives, if so."""
-        from kiteocp.analysis.sensitivity import sensitivities  # noqa: PLC0415
-        from kiteocp.analysis.variation import vary  # noqa: PLC0415
+        from kiteocp.studies.sensitivity.local import sensitivities  # noqa: PLC0415
+        from kiteocp.studies.sensitivity.variation import vary  # noqa: PLC0415
 
         try:
             self._found = sensitivities(problem, intervals=arguments.intervals)
@@ -149,7 +149,7 @@ class _Study:
         return _differentiate_forward(problem, self._found) if arguments.forward else None
 
     def _propagate(self, problem: Problem, wide: dict[str, int]) -> None:
-        from kiteocp.analysis.global_study import global_sensitivity  # noqa: PLC0415
+        from kiteocp.studies.sensitivity.sobol import global_sensitivity  # noqa: PLC0415
 
         def keep(done: GlobalStudy) -> None:
             self._global = done
@@ -177,7 +177,7 @@ class _Study:
 
 def _global_options(problem: Problem, arguments: argparse.Namespace) -> dict[str, int]:
     """Return the numbers of samples and jobs, checked before anything is solved."""
-    from kiteocp.analysis.global_study import SAMPLES, base_samples  # noqa: PLC0415
+    from kiteocp.studies.sensitivity.sobol import SAMPLES, base_samples  # noqa: PLC0415
 
     options = {"samples": arguments.samples or SAMPLES, "jobs": arguments.jobs or os.cpu_count() or 1}
     base_samples(problem, options["samples"])
@@ -186,7 +186,7 @@ def _global_options(problem: Problem, arguments: argparse.Namespace) -> dict[str
 
 def _differentiate_forward(problem: Problem, result: Result) -> str | None:
     """Add the prescribed cycle and its derivatives to a result; return why there are none, if so."""
-    from kiteocp.analysis.forward_sensitivity import forward_sensitivity  # noqa: PLC0415
+    from kiteocp.studies.sensitivity.forward import forward_sensitivity  # noqa: PLC0415
 
     try:
         result.details.update(forward_sensitivity(problem).to_dict())
@@ -197,14 +197,14 @@ def _differentiate_forward(problem: Problem, result: Result) -> str | None:
 
 
 def _report(result: Result) -> str:
-    from kiteocp.analysis.forward_sensitivity import format_forward  # noqa: PLC0415
-    from kiteocp.analysis.sensitivity_report import format_sensitivities, format_variation  # noqa: PLC0415
+    from kiteocp.studies.sensitivity.forward import format_forward  # noqa: PLC0415
+    from kiteocp.studies.sensitivity.report import format_sensitivities, format_variation  # noqa: PLC0415
 
     parts = [format_sensitivities(result)]
     if "variation" in result.details:
         parts.append(format_variation(result))
     if "global" in result.details:
-        from kiteocp.analysis.global_report import format_global  # noqa: PLC0415
+        from kiteocp.studies.sensitivity.sobol_report import format_global  # noqa: PLC0415
 
         parts.append(format_global(result.details["global"]))
     if result.details.get("forward_cycle"):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING
 
-from kiteocp.cli.calculation import calculate
 from kiteocp.cli.parser import add_calculation, positive_number
+from kiteocp.cli.run import calculate
 from kiteocp.errors import CycleError
 
 if TYPE_CHECKING:

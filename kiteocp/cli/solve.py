@@ -7,14 +7,14 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kiteocp.cli.calculation import calculate
 from kiteocp.cli.output import say
 from kiteocp.cli.parser import add_calculation
+from kiteocp.cli.run import calculate
 
 if TYPE_CHECKING:
-    from kiteocp.analysis.winch import WinchExport
     from kiteocp.problem import Problem
     from kiteocp.result import Result
+    from kiteocp.studies.winch.export import WinchExport
 
 NAME = "solve"
 HELP = "find the optimal cycle and compare it with the prescribed one"
@@ -47,12 +47,12 @@ def run(arguments: argparse.Namespace) -> int:
     def compute(problem: Problem) -> Result:
         # Imported once the problem is known to be good: a mistake in it is answered without waiting for CasADi.
         if arguments.export is None:
-            from kiteocp.ocp import solve  # noqa: PLC0415
+            from kiteocp.optimum.solve import solve  # noqa: PLC0415
 
             return solve(problem, certificate=arguments.certificate)
-        from kiteocp.analysis.winch import winch_export  # noqa: PLC0415
-        from kiteocp.ocp.outcome import result_of  # noqa: PLC0415
-        from kiteocp.ocp.solution import optimise  # noqa: PLC0415
+        from kiteocp.optimum.refine import optimise  # noqa: PLC0415
+        from kiteocp.optimum.solve import result_of  # noqa: PLC0415
+        from kiteocp.studies.winch.export import winch_export  # noqa: PLC0415
 
         began = time.perf_counter()
         optimum = optimise(problem, certificate=arguments.certificate)

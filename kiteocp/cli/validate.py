@@ -8,16 +8,16 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kiteocp.cli.calculation import tell_written
 from kiteocp.cli.output import say
 from kiteocp.cli.parser import PICTURE_FORMATS, add_output
 from kiteocp.cli.place import choose_paper_place
 from kiteocp.cli.progress import Progress
+from kiteocp.cli.run import tell_written
 from kiteocp.cli.validate_flight import add_flight_arguments, check_no_flight, validate_recording
 
 if TYPE_CHECKING:
-    from kiteocp.analysis.validation.html_parts import Picture
-    from kiteocp.analysis.validation.paper import PaperValidation
+    from kiteocp.report.html import Picture
+    from kiteocp.studies.paper.paper import PaperValidation
 
 NAME = "validate"
 HELP = "reproduce the paper's results beside its tables, or set a recorded flight against the model"
@@ -41,11 +41,11 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _validate_paper(arguments: argparse.Namespace) -> int:
     """Compute, save, print and draw the paper's results section, and write the report."""
-    from kiteocp.analysis.validation.paper import validate_paper  # noqa: PLC0415  (keeps --help fast)
-    from kiteocp.analysis.validation.report import report_html  # noqa: PLC0415
-    from kiteocp.analysis.validation.text import format_validation  # noqa: PLC0415
     from kiteocp.result import write_atomically  # noqa: PLC0415
     from kiteocp.result.earlier import stale_files  # noqa: PLC0415
+    from kiteocp.studies.paper.paper import validate_paper  # noqa: PLC0415  (keeps --help fast)
+    from kiteocp.studies.paper.report import report_html  # noqa: PLC0415
+    from kiteocp.studies.paper.text import format_validation  # noqa: PLC0415
 
     directory = Path(arguments.output) if arguments.output is not None else Path("results") / "validation"
     place = choose_paper_place(directory)
@@ -76,9 +76,9 @@ def _draw(
     study: PaperValidation, directory: Path, formats: tuple[str, ...] | list[str], written: list[Path]
 ) -> list[Picture]:
     """Draw and save every figure, add the files to ``written``, and return the figures for the report."""
-    from kiteocp.analysis.validation.html_parts import Picture  # noqa: PLC0415
     from kiteocp.plots.style import save_figure  # noqa: PLC0415  (matplotlib only where a picture is wanted)
     from kiteocp.plots.validation import CAPTIONS, figures  # noqa: PLC0415
+    from kiteocp.report.html import Picture  # noqa: PLC0415
 
     pictures: list[Picture] = []
     with Progress("pictures drawn") as progress:

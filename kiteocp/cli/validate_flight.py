@@ -8,16 +8,16 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from kiteocp.cli.calculation import asked_of, digest_of, load, save, saved_if_interrupted, tell_written
 from kiteocp.cli.output import complain, say
 from kiteocp.cli.parser import add_overrides
 from kiteocp.cli.place import choose_place
 from kiteocp.cli.progress import Progress
+from kiteocp.cli.run import asked_of, digest_of, load, save, saved_if_interrupted, tell_written
 from kiteocp.errors import InputError
 
 if TYPE_CHECKING:
-    from kiteocp.analysis.flights.study import FlightStudy
-    from kiteocp.analysis.validation.html_parts import Picture
+    from kiteocp.report.html import Picture
+    from kiteocp.studies.prediction.study import FlightStudy
 
 REPORT = "report.html"
 
@@ -64,12 +64,12 @@ def validate_recording(arguments: argparse.Namespace) -> int:
         raise InputError("a flight needs the system that flew it; add --system, as --system v9-kite")
     cycles = _numbers(arguments.estimate_on)
     problem = load(arguments.system, arguments.overrides)
-    from kiteocp.analysis.flights.reading import load_flight  # noqa: PLC0415  (keeps --help fast)
+    from kiteocp.recording.reading import load_flight  # noqa: PLC0415  (keeps --help fast)
 
     flight = load_flight(arguments.flight, arguments.columns)
-    from kiteocp.analysis.flights.study import validate_flight  # noqa: PLC0415
-    from kiteocp.analysis.flights.summary import format_study, result_of  # noqa: PLC0415
     from kiteocp.result import write_atomically  # noqa: PLC0415
+    from kiteocp.studies.prediction.study import validate_flight  # noqa: PLC0415
+    from kiteocp.studies.prediction.summary import format_study, result_of  # noqa: PLC0415
 
     recording = Path(arguments.flight)
     options = {
@@ -91,7 +91,7 @@ def validate_recording(arguments: argparse.Namespace) -> int:
         pictures: list[Picture] = []
         if arguments.plot:
             pictures = _draw(study, directory, arguments.formats or ["png"], written)
-        from kiteocp.analysis.flights.report import report_html  # noqa: PLC0415
+        from kiteocp.studies.prediction.report import report_html  # noqa: PLC0415
 
         write_atomically({directory / REPORT: report_html(study, pictures).encode()})
         written.insert(1, directory / REPORT)
@@ -116,9 +116,9 @@ def _numbers(text: str | None) -> list[int] | None:
 
 def _draw(study: FlightStudy, directory: Path, formats: list[str], written: list[Path]) -> list[Picture]:
     """Draw and save every figure, add the files to ``written``, and return the figures for the report."""
-    from kiteocp.analysis.validation.html_parts import Picture  # noqa: PLC0415
     from kiteocp.plots.flights import caption, figures  # noqa: PLC0415  (matplotlib only where a picture is wanted)
     from kiteocp.plots.style import save_figure  # noqa: PLC0415
+    from kiteocp.report.html import Picture  # noqa: PLC0415
 
     pictures = []
     with Progress("pictures drawn") as progress:

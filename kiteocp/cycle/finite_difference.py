@@ -8,11 +8,11 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from kiteocp.cycle.buffered import BufferedFunction
-from kiteocp.cycle.integrator import IntegrationError
 from kiteocp.cycle.laws import ELEVATION, PHASE_ENDS, STATE, phase_functions
 from kiteocp.cycle.phases import PhaseName
 from kiteocp.cycle.summary import air_function
+from kiteocp.numerics.buffered import BufferedFunction
+from kiteocp.numerics.integrator import IntegrationError
 from kiteocp.physics.parameters import ParameterValues, Structure, parameters_of
 
 #: Steps that are taken in one call; those beyond the end of a phase are thrown away.

@@ -9,13 +9,14 @@ from typing import Any
 
 import numpy as np
 
-from kiteocp.cycle.integrator import IntegrationError, Integrator
 from kiteocp.cycle.laws import PHASE_ENDS, flown_in_order, phase_functions
 from kiteocp.cycle.phases import PHASES, PhaseName, phases_of
 from kiteocp.cycle.simulation import LONGEST_PHASE, SCALES, fly
 from kiteocp.errors import CycleError
 from kiteocp.execution import one_at_a_time
+from kiteocp.numerics.integrator import IntegrationError, Integrator
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values
+from kiteocp.physics.wind import WIND, in_wind, value_of, wind_text
 from kiteocp.problem import Problem
 from kiteocp.report.words import listed, rounded
 
@@ -42,7 +43,6 @@ PHRASES = {
     "operation.turn.tether_force_N": "a turn force of {} N",
     "operation.turn.elevation_deg": "a turn up to {} deg of elevation",
 }
-WIND = "environment.wind"
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def explain_simulation(problem: Problem, error: CycleError, *, gravity: bool = T
     values = parameter_values(problem, gravity=gravity)
     remedies = []
     for key, (low, high) in _ranges(values).items():
-        value = _value(values, key)
+        value = value_of(values, key)
         found = [needed for end in (low, high) if (needed := _nearest_flying(values, key, value, end)) is not None]
         if found:
             needed = min(found, key=lambda number: abs(number - value))
@@ -117,7 +117,7 @@ def _ranges(values: ParameterValues) -> dict[str, tuple[float, float]]:
     """Sensible values of each number: those that a problem file may hold beside the others as they are."""
     traction, retraction = "operation.traction.tether_force_N", "operation.retraction.tether_force_N"
     shortest, longest = "operation.tether_length_min_m", "operation.tether_length_max_m"
-    wind = _value(values, WIND)
+    wind = value_of(values, WIND)
     turn, top, low = "operation.turn.tether_force_N", "operation.turn.elevation_deg", "operation.traction.elevation_deg"
     of_turn = {
         turn: (FORCE_RANGE[0] * values[turn], FORCE_RANGE[1] * values[turn]),
@@ -156,12 +156,7 @@ def _nearest_flying(values: ParameterValues, key: str, value: float, end: float)
 def _changed(values: ParameterValues, key: str, number: float) -> ParameterValues:
     if key != WIND:
         return values.replaced({key: number})
-    return in_wind(values, number / _value(values, WIND))
-
-
-def in_wind(values: ParameterValues, factor: float) -> ParameterValues:
-    """Return the same with the wind speed times a factor; every profile is linear in its speeds."""
-    return values.replaced({name: factor * values[name] for name in wind_keys(values.structure)})
+    return in_wind(values, number / value_of(values, WIND))
 
 
 def _confirmed(values: ParameterValues) -> bool:
@@ -203,27 +198,7 @@ def _rough_integrators(structure: Structure) -> dict[PhaseName, Integrator]:
     }
 
 
-def _value(values: ParameterValues, key: str) -> float:
-    return max(values[name] for name in wind_keys(values.structure)) if key == WIND else values[key]
-
-
 def _need(values: ParameterValues, remedy: Remedy) -> str:
     if remedy.key == WIND:
         return wind_text(values, remedy.needed / remedy.value)
     return PHRASES[remedy.key].format(rounded(remedy.needed, up=remedy.needed > remedy.value))
-
-
-def wind_keys(structure: Structure) -> list[str]:
-    """Keys of the numbers that scale the wind speed: the reference speed, or the speeds of a table."""
-    prefixes = ("environment.wind.reference_speed_m_s", "environment.wind.speeds_m_s[")
-    return [key for key in structure.keys if key.startswith(prefixes)]
-
-
-def wind_text(values: ParameterValues, factor: float) -> str:
-    """Name the wind of a problem at a factor, as its file does; a changed one rounded away from the given."""
-    speed = factor * _value(values, WIND)
-    number = f"{speed:.4g}" if factor == 1.0 else rounded(speed, up=factor > 1.0)
-    if values.structure.choice("environment.wind.profile") == "table":
-        return f"a wind of up to {number} m/s"
-    height = "environment.wind.reference_height_m"
-    return f"{number} m/s of wind" + (f" at {values[height]:g} m" if height in values else "")

@@ -17,12 +17,12 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from kiteocp.cycle.integrator import IntegrationError, Integrator
 from kiteocp.cycle.laws import STATE
 from kiteocp.cycle.motion import at_force, motion
 from kiteocp.cycle.phases import KINDS, FlownPhase, PhaseName
 from kiteocp.cycle.simulation import SCALES, cycle_error
 from kiteocp.cycle.summary import PhaseRecord, electrical_energy_J
+from kiteocp.numerics.integrator import IntegrationError, Integrator
 from kiteocp.physics.equilibrium import OUTPUTS, outputs_of
 from kiteocp.physics.model import Model, Surroundings
 from kiteocp.physics.parameters import Parameters, ParameterValues, Structure, parameters_of

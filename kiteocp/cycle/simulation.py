@@ -9,7 +9,6 @@ from typing import get_args
 import numpy as np
 
 from kiteocp.cycle.finite_difference import characteristic_time, finite_difference_phase
-from kiteocp.cycle.integrator import IntegrationError, Integrator
 from kiteocp.cycle.laws import PHASE_ENDS, Equilibrium, flown_in_order, phase_functions
 from kiteocp.cycle.limits import Limit, limits_of
 from kiteocp.cycle.phases import KINDS, FlownPhase, PhaseName, phases_of
@@ -24,6 +23,7 @@ from kiteocp.cycle.summary import (
 from kiteocp.cycle.transition import transition_branches
 from kiteocp.errors import CycleError, InputError, NoEquilibriumError, check_word
 from kiteocp.execution import one_at_a_time
+from kiteocp.numerics.integrator import IntegrationError, Integrator
 from kiteocp.physics.flight import Place, solve_state
 from kiteocp.physics.kinematics import UP
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values

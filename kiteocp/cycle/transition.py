@@ -12,10 +12,10 @@ from functools import lru_cache
 import casadi as ca
 import numpy as np
 
-from kiteocp.cycle.integrator import Branches
 from kiteocp.cycle.laws import STATE
 from kiteocp.cycle.motion import at_force, motion
 from kiteocp.cycle.phases import TRANSITION
+from kiteocp.numerics.integrator import Branches
 from kiteocp.physics.equilibrium import radial_ground_force_flying_down
 from kiteocp.physics.model import Model
 from kiteocp.physics.parameters import Structure, parameters_of

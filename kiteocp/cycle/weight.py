@@ -16,11 +16,11 @@ import casadi as ca
 import numpy as np
 
 from kiteocp.cycle.phases import RETRACTION
-from kiteocp.cycle.remedies import in_wind, wind_text
 from kiteocp.physics.equilibrium import weight_share_flying_up
 from kiteocp.physics.model import Model
 from kiteocp.physics.parameters import ParameterValues, Structure, parameters_of
 from kiteocp.physics.tether import tether_mass
+from kiteocp.physics.wind import in_wind, wind_text
 from kiteocp.report.words import rounded
 
 #: Points over height, tether length, angle of the force, and power setting where that is free. The share is smooth in

@@ -1,5 +1,1 @@
-"""Optimal pumping cycles: a generic multi-phase transcription, and the cycle problem written in it."""
-
-from kiteocp.ocp.outcome import solve
-
-__all__ = ["solve"]
+"""Optimal control problems of several phases: declaration, transcription, solution. Nothing here knows of kites."""

@@ -4,7 +4,7 @@ An interior-point solution leaves its mark on every multiplier: what is not acti
 constraints become equations and Newton's method solves the first-order conditions exactly; inactive constraints have
 no multiplier at all, so that a parameter without influence has a derivative of zero. The same linear system gives the
 derivatives of the solution with respect to the parameters (Fiacco, *Introduction to Sensitivity and Stability
-Analysis in Nonlinear Programming*, 1983). `kiteocp.ocp.following` goes on from here.
+Analysis in Nonlinear Programming*, 1983). `kiteocp.ocp.continuation` goes on from here.
 """
 
 from __future__ import annotations
@@ -12,11 +12,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from kiteocp.ocp.active_solution import ActiveSet, ActiveSetError, Derivatives, SharpSolution
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.first_order import FirstOrderSystem, dense
 from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.nlpsolver import Solution
-from kiteocp.ocp.sharp import ActiveSet, ActiveSetError, Derivatives, SharpSolution
 
 #: Newton's method takes its last step below the first, in the scaled units of the program, and none below the second:
 #: rounding leaves about 1e-13.

@@ -1,7 +1,7 @@
 """What an optimal control problem of several phases is, before any discretisation.
 
-Variables, phases, links and an objective, written with CasADi ``SX`` symbols. Nothing here knows about meshes,
-solvers, or kites. See `kiteocp.ocp.transcription` for the whole picture and an example.
+Variables, phases, links and an objective, written with CasADi ``SX`` symbols. Nothing here knows about meshes or
+solvers. See `kiteocp.ocp.transcription` for the whole picture and an example.
 """
 
 from __future__ import annotations

@@ -8,9 +8,9 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
+from kiteocp.ocp.active_solution import ActiveSet, ActiveSetError
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.nlp import NonlinearProgram
-from kiteocp.ocp.sharp import ActiveSet, ActiveSetError
 
 #: A solution of a linear system beyond this, in the scaled units of the program, comes from a singular one.
 SINGULAR = 1e12

@@ -8,12 +8,6 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from kiteocp.analysis.flights.data import FLIGHT_PHASES
-from kiteocp.analysis.flights.measured import model_lengths
-from kiteocp.analysis.flights.optimum import LEFT_OUT, OptimumStudy
-from kiteocp.analysis.flights.predictions import CycleComparison
-from kiteocp.analysis.flights.reasons import LAW_WORDS, QUANTITY_WORDS
-from kiteocp.analysis.flights.study import FlightStudy
 from kiteocp.plots.labels import stack
 from kiteocp.plots.style import (
     BLUE,
@@ -28,6 +22,12 @@ from kiteocp.plots.style import (
     make_figure,
     style_axes,
 )
+from kiteocp.recording.data import FLIGHT_PHASES
+from kiteocp.studies.prediction.measured import model_lengths
+from kiteocp.studies.prediction.optimum import LEFT_OUT, OptimumStudy
+from kiteocp.studies.prediction.predictions import CycleComparison
+from kiteocp.studies.prediction.reasons import LAW_WORDS, QUANTITY_WORDS
+from kiteocp.studies.prediction.study import FlightStudy
 
 #: The turn beside the phases of the model.
 COLOURS = {**PHASE_COLOURS, "turn": "#56B4E9"}

@@ -6,8 +6,6 @@ from collections.abc import Mapping
 
 from matplotlib.figure import Figure
 
-from kiteocp.analysis.validation.convergence import Convergence
-from kiteocp.analysis.validation.gravity_isolines import GravityIsolines
 from kiteocp.plots.validation_cycles import (
     draw_angular_coordinates,
     draw_side_views,
@@ -17,6 +15,8 @@ from kiteocp.plots.validation_cycles import (
 )
 from kiteocp.plots.validation_studies import draw_convergence, draw_mass_isolines
 from kiteocp.result import Result
+from kiteocp.studies.paper.convergence import Convergence
+from kiteocp.studies.paper.isolines import GravityIsolines
 
 _GRAVITY = "Solid: gravity included; dashed: gravity excluded."
 _PHASES = (

@@ -10,9 +10,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.ticker import FuncFormatter, MaxNLocator, MultipleLocator
 
-from kiteocp.analysis.validation.convergence import Convergence
-from kiteocp.analysis.validation.gravity_isolines import GravityIsolines
 from kiteocp.plots.style import BLUE, GREY, GRID, INK, LABEL_SIZE, SMALL_SIZE, make_figure, style_axes
+from kiteocp.studies.paper.convergence import Convergence
+from kiteocp.studies.paper.isolines import GravityIsolines
 
 # One and a half columns of a journal page.
 _WIDTH_IN, _HEIGHT_IN = 5.5, 3.2

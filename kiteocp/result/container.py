@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import math
 import platform
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -13,16 +12,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-import kiteocp
+from kiteocp._version import __version__
 from kiteocp.problem import Problem
 from kiteocp.result.channels import CYCLE_KEYS, PHASE_KEYS, PHASES, suggest, unit_of
-
-SCHEMA_VERSION = 1
-STATUSES: tuple[str, ...] = ("ok", "certified", "not_certified", "infeasible", "failed", "interrupted")
-SUCCESSFUL_STATUSES = frozenset({"ok", "certified"})
-OUTCOME_KEYS = frozenset({"status", "warnings", "phases", "cycle"})
-HEAD_KEYS = frozenset({"schema_version", "kiteocp_version", "versions", "verb", "problem"})
-HEAD_KEYS |= {"input_sha256", "input", "prescribed"}
+from kiteocp.result.contract import HEAD_KEYS, OUTCOME_KEYS, SCHEMA_VERSION, STATUSES, SUCCESSFUL_STATUSES, to_plain
+from kiteocp.result.storage import save_result
+from kiteocp.result.table import format_result
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -92,8 +87,6 @@ class Result:
         return f"<Result {self.verb} of {self.problem.name}: {self.status}, {samples} samples>"
 
     def __str__(self) -> str:
-        from kiteocp.result.table import format_result  # noqa: PLC0415  (table reads this module's class)
-
         return format_result(self)
 
     def __getitem__(self, name: str) -> npt.NDArray[Any]:
@@ -156,7 +149,7 @@ class Result:
         names = ("casadi", "numpy", "scipy")
         summary: dict[str, Any] = {
             "schema_version": SCHEMA_VERSION,
-            "kiteocp_version": kiteocp.__version__,
+            "kiteocp_version": __version__,
             "versions": {
                 "python": platform.python_version(),
                 **{name: sys.modules[name].__version__ for name in names if name in sys.modules},
@@ -206,19 +199,4 @@ class Result:
             If the directory cannot be written to, or the disk is full; what was there is kept.
 
         """
-        from kiteocp.result.storage import save_result  # noqa: PLC0415  (storage builds this module's class)
-
         return save_result(self, Path(directory))
-
-
-def to_plain(value: Any) -> Any:
-    """Return `value` with NumPy types and tuples as plain ones and every number that is not finite as None."""
-    if isinstance(value, Mapping):
-        return {str(key): to_plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return to_plain(value.tolist())
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, Sequence) and not isinstance(value, str):
-        return [to_plain(item) for item in value]
-    return value

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from kiteocp.result.channels import DIMENSIONLESS, MEAN_POWERS, unit_of
-from kiteocp.result.container import Result
+
+if TYPE_CHECKING:
+    from kiteocp.result.container import Result
 
 _UNITS = ("s", "kW", "kJ", "m", "deg")
 _NO_VALUE = "-"

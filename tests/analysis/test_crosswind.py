@@ -12,14 +12,14 @@ from scipy.integrate import quad
 
 import kiteocp
 from kiteocp import InputError, flight_state, load_problem
-from kiteocp.analysis.crosswind import crosswind, representative_course
-from kiteocp.analysis.crosswind_course import _matching_course, matching_path
-from kiteocp.analysis.crosswind_flight import UnflyableError, Winch, fly_path
-from kiteocp.analysis.crosswind_path import PATHS, antiderivative, circle, derivative, figure_of_eight, make_path
-from kiteocp.analysis.crosswind_report import format_crosswind
 from kiteocp.cli.main import main
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.result.channels import TIME_SERIES_CHANNELS
+from kiteocp.studies.crosswind.course import _matching_course, matching_path
+from kiteocp.studies.crosswind.flight import UnflyableError, Winch, fly_path
+from kiteocp.studies.crosswind.path import PATHS, antiderivative, circle, derivative, figure_of_eight, make_path
+from kiteocp.studies.crosswind.report import format_crosswind
+from kiteocp.studies.crosswind.study import crosswind, representative_course
 
 FORCE_N, LENGTH_M = 3008.0, 555.0
 HOLD = Winch("tether_force_kite", FORCE_N)

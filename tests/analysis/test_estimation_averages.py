@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 from scipy.stats import binom
 
-from kiteocp.analysis.estimation.averages import average, effective_samples
+from kiteocp.numerics.averages import average, effective_samples
 
 STEP_S = 0.1
 

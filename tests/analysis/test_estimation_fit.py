@@ -12,13 +12,13 @@ import pytest
 from scipy.stats import binom
 
 import kiteocp
-from kiteocp.analysis.estimation.fit import fit_coefficients
-from kiteocp.analysis.estimation.inversion import invert
-from kiteocp.analysis.estimation.study import estimate
-from kiteocp.analysis.estimation.synthetic import Noise, flight_of_result
-from kiteocp.analysis.estimation.wind import WindEstimate, wind_from_airspeed, wind_from_ground, wind_of_problem
-from kiteocp.analysis.flights import FlightData, load_flight
 from kiteocp.errors import InputError
+from kiteocp.recording import FlightData, load_flight
+from kiteocp.studies.estimation.fit import fit_coefficients
+from kiteocp.studies.estimation.inversion import invert
+from kiteocp.studies.estimation.study import estimate
+from kiteocp.studies.estimation.synthetic import Noise, flight_of_result
+from kiteocp.studies.estimation.wind import WindEstimate, wind_from_airspeed, wind_from_ground, wind_of_problem
 
 #: Sizes of errors as of good sensors; 5 % of the samples are wrong.
 NOISE = Noise(
@@ -204,8 +204,8 @@ def test_the_wrong_kite_is_refused() -> None:
 
 
 def test_derivatives_of_the_fit_are_those_of_its_residuals() -> None:
-    from kiteocp.analysis.estimation.fit import _residuals  # noqa: PLC0415
-    from kiteocp.analysis.estimation.inversion import measured_samples  # noqa: PLC0415
+    from kiteocp.studies.estimation.fit import _residuals  # noqa: PLC0415
+    from kiteocp.studies.estimation.inversion import measured_samples  # noqa: PLC0415
 
     flight = made(noise=replace(NOISE, wrong_share=0.0), sample_rate_Hz=1.0)
     groups = (flight.phase == "retraction").astype(np.int64)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import kiteocp
-from kiteocp.analysis.estimation.averages import effective_samples
-from kiteocp.analysis.estimation.study import estimate
-from kiteocp.analysis.estimation.synthetic import flight_of_result
+from kiteocp.numerics.averages import effective_samples
+from kiteocp.studies.estimation.study import estimate
+from kiteocp.studies.estimation.synthetic import flight_of_result
 
 
 def test_the_ground_and_rows_without_a_phase_change_nothing() -> None:

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import kiteocp
-from kiteocp.analysis.estimation.bias import round_trip
-from kiteocp.analysis.estimation.fit import SETTING_OF_PHASE
-from kiteocp.analysis.estimation.inversion import invert
-from kiteocp.analysis.estimation.synthetic import flight_of_result
-from kiteocp.analysis.flights import FlightData
 from kiteocp.errors import InputError
 from kiteocp.physics.parameters import parameter_values
+from kiteocp.recording import FlightData
+from kiteocp.studies.estimation.bias import round_trip
+from kiteocp.studies.estimation.fit import SETTING_OF_PHASE
+from kiteocp.studies.estimation.inversion import invert
+from kiteocp.studies.estimation.synthetic import flight_of_result
 
 PROBLEMS = ("strong-wind", "moderate-wind", "v3-kite")
 

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 from made_flight import made_flight
 
-from kiteocp.analysis.estimation.profile import wind_function
-from kiteocp.analysis.estimation.study import estimate
-from kiteocp.analysis.estimation.unknowns import WindUnknowns
-from kiteocp.analysis.flights import FlightData, load_flight
-from kiteocp.analysis.flights.cycle_wind import wind_of_cycle
-from kiteocp.analysis.flights.data import MeasuredWind
-from kiteocp.analysis.flights.kite import estimate_kite
 from kiteocp.errors import InputError
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem, load_problem
+from kiteocp.recording import FlightData, load_flight
+from kiteocp.recording.data import MeasuredWind
+from kiteocp.studies.estimation.profile import wind_function
+from kiteocp.studies.estimation.study import estimate
+from kiteocp.studies.estimation.unknowns import WindUnknowns
+from kiteocp.studies.prediction.cycle_wind import wind_of_cycle
+from kiteocp.studies.prediction.kite import estimate_kite
 
 LIDAR_DATA = Path(__file__).parents[3] / "shared" / "data" / "kitepower-2025-10-09" / "cycles-0-1.csv"
 

@@ -16,10 +16,10 @@ from hypothesis import strategies as st
 from made_flight import kitepower_rows, made_flight, write_csv
 
 from kiteocp import InputError
-from kiteocp.analysis.flights import FlightData, load_columns, load_flight, shipped_columns
-from kiteocp.analysis.flights.blocks import FACTORS
-from kiteocp.analysis.flights.cleaning import circular_median_deg, drop_frozen, drop_spikes, off_tether, turn_directions
-from kiteocp.analysis.flights.columns import ColumnMap
+from kiteocp.recording import FlightData, load_columns, load_flight, shipped_columns
+from kiteocp.recording.blocks import FACTORS
+from kiteocp.recording.cleaning import circular_median_deg, drop_frozen, drop_spikes, off_tether, turn_directions
+from kiteocp.recording.columns import ColumnMap
 
 Rows = list[dict[str, Any]]
 
@@ -27,7 +27,7 @@ Rows = list[dict[str, Any]]
 @cache
 def flown() -> FlightData:
     """One cycle with a little noise, so that no sensor stands still."""
-    from kiteocp.analysis.estimation.synthetic import Noise  # noqa: PLC0415
+    from kiteocp.studies.estimation.synthetic import Noise  # noqa: PLC0415
 
     noise = Noise(0.1, 0.01, 0.05, 0.1, 0.1, 0.02)
     return made_flight(1, noise, seed=3)
@@ -401,7 +401,7 @@ def test_shipped_maps_load_and_go_with_the_package() -> None:
     assert "kitepower" in shipped_columns()
     for name, path in shipped_columns().items():
         assert load_columns(name).name == name
-        assert path.parent.name == "flights"
+        assert path.parent.name == "recording"
 
 
 @settings(max_examples=40, deadline=None)

@@ -14,24 +14,24 @@ from made_flight import TRUTH, kitepower_rows, made_flight, true_result, write_c
 
 import kiteocp
 from kiteocp import InputError
-from kiteocp.analysis.estimation.synthetic import Noise
-from kiteocp.analysis.flights import FlightData, load_flight
-from kiteocp.analysis.flights.aerodynamics import check_forces
-from kiteocp.analysis.flights.comparison import compare_cycle
-from kiteocp.analysis.flights.kite import estimate_kite
-from kiteocp.analysis.flights.limits import WINDOW_S, flown_limits
-from kiteocp.analysis.flights.measured import measured_cycle, model_lengths, time_mean
-from kiteocp.analysis.flights.optimum import LEFT_OUT, largest
-from kiteocp.analysis.flights.predictions import Prediction
-from kiteocp.analysis.flights.prescribed import fly_law
-from kiteocp.analysis.flights.reasons import delay
-from kiteocp.analysis.flights.replay import WinchLaw, path_of, replay, winch_law
-from kiteocp.analysis.flights.statements import statements
-from kiteocp.analysis.flights.study import FlightStudy, validate_flight
-from kiteocp.analysis.flights.summary import format_study, result_of
 from kiteocp.cli.main import main
 from kiteocp.physics.flight import flight_state
 from kiteocp.physics.parameters import parameter_values
+from kiteocp.recording import FlightData, load_flight
+from kiteocp.studies.estimation.synthetic import Noise
+from kiteocp.studies.prediction.aerodynamics import check_forces
+from kiteocp.studies.prediction.comparison import compare_cycle
+from kiteocp.studies.prediction.kite import estimate_kite
+from kiteocp.studies.prediction.limits import WINDOW_S, flown_limits
+from kiteocp.studies.prediction.measured import measured_cycle, model_lengths, time_mean
+from kiteocp.studies.prediction.optimum import LEFT_OUT, largest
+from kiteocp.studies.prediction.predictions import Prediction
+from kiteocp.studies.prediction.prescribed import fly_law
+from kiteocp.studies.prediction.reasons import delay
+from kiteocp.studies.prediction.replay import WinchLaw, path_of, replay, winch_law
+from kiteocp.studies.prediction.statements import statements
+from kiteocp.studies.prediction.study import FlightStudy, validate_flight
+from kiteocp.studies.prediction.summary import format_study, result_of
 
 DATA = Path(os.environ.get("KITEOCP_FLIGHT_DATA") or Path(__file__).resolve().parents[3] / "shared" / "data")
 RECORDING = DATA / "kitepower-2023-05-12" / "cycles-0-3.csv"
@@ -291,7 +291,7 @@ def no_optimum(monkeypatch: pytest.MonkeyPatch) -> None:
     def fail(*arguments: object) -> None:
         raise kiteocp.SolveError("the limits leave nothing")
 
-    monkeypatch.setattr("kiteocp.analysis.flights.study.study_optimum", fail)
+    monkeypatch.setattr("kiteocp.studies.prediction.study.study_optimum", fail)
 
 
 @pytest.mark.usefixtures("no_optimum")

@@ -8,8 +8,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from kiteocp.analysis.flights.columns import ColumnMap, load_columns
 from kiteocp.cli.main import main
+from kiteocp.recording.columns import ColumnMap, load_columns
 
 NOT_QUANTITIES = {"name", "description", "source", "downwind_bearing_deg"}
 QUANTITIES = {item.name: item.required for item in msgspec.structs.fields(ColumnMap) if item.name not in NOT_QUANTITIES}

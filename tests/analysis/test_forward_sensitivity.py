@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from kiteocp import load_problem, shipped_problems
-from kiteocp.analysis.forward_sensitivity import ForwardSensitivity, forward_sensitivity, rounding_band
 from kiteocp.cli.main import main
+from kiteocp.cycle.fast.tangent import QUANTITIES
 from kiteocp.cycle.simulation import fly
-from kiteocp.cycle.tangent import QUANTITIES
 from kiteocp.errors import InputError
 from kiteocp.physics.parameters import ParameterValues, parameter_values
 from kiteocp.problem import Problem
+from kiteocp.studies.sensitivity.forward import ForwardSensitivity, forward_sensitivity, rounding_band
 
 GRAVITY = "environment.gravity_m_s2"
 

@@ -12,16 +12,16 @@ import numpy as np
 import pytest
 
 from kiteocp import load_problem
-from kiteocp.analysis.global_report import format_global, global_summary
-from kiteocp.analysis.global_samples import Resolver, Sample, quantiles, uncertainties
-from kiteocp.analysis.global_study import GlobalStudy, base_samples, global_sensitivity, sobol_intervals
-from kiteocp.analysis.kept_schedule import KeptCycle, fly_kept
-from kiteocp.analysis.local_study import LocalStudy
 from kiteocp.cli.main import main
 from kiteocp.errors import InputError
-from kiteocp.ocp.solution import optimise
+from kiteocp.optimum.refine import optimise
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem, problem_from_dict
+from kiteocp.studies.sensitivity.derivatives import LocalStudy
+from kiteocp.studies.sensitivity.open_loop import KeptCycle, fly_kept
+from kiteocp.studies.sensitivity.sampling import Resolver, Sample, quantiles, uncertainties
+from kiteocp.studies.sensitivity.sobol import GlobalStudy, base_samples, global_sensitivity, sobol_intervals
+from kiteocp.studies.sensitivity.sobol_report import format_global, global_summary
 
 #: Uncertainties so small that the optimal power is linear in them.
 TINY = {

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from kiteocp.analysis.sensitivity import sensitivities
 from kiteocp.problem import Problem, problem_from_dict
+from kiteocp.studies.sensitivity.local import sensitivities
 
 FORCE, LEAST = "limits.tether_force_max_N", "limits.tether_force_min_N"
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from kiteocp import load_problem, shipped_problems
-from kiteocp.analysis.local_study import LocalStudy, key_directions
-from kiteocp.ocp.solution import optimise
+from kiteocp.optimum.refine import optimise
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem
+from kiteocp.studies.sensitivity.derivatives import LocalStudy, key_directions
 
 #: A winch whose speed jumps between phases are limited, and bind.
 WINCH = {"optimisation.speed_jumps": "limited", "limits.reeling_acceleration_max_m_s2": 4.5}

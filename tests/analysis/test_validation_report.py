@@ -11,21 +11,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from kiteocp.analysis.validation import convergence, paper
-from kiteocp.analysis.validation.claims import check_claims
-from kiteocp.analysis.validation.convergence import convergence_study
-from kiteocp.analysis.validation.gravity_isolines import mass_isolines
-from kiteocp.analysis.validation.html_parts import Picture
-from kiteocp.analysis.validation.paper import PaperValidation, validate_paper
-from kiteocp.analysis.validation.published import CASES
-from kiteocp.analysis.validation.report import report_html
-from kiteocp.analysis.validation.tables import Comparison
-from kiteocp.analysis.validation.text import WIDTH, format_validation
 from kiteocp.cli.main import main
 from kiteocp.plots.validation import CAPTIONS
+from kiteocp.report.html import Picture
 from kiteocp.result import write_atomically
-from kiteocp.result.container import STATUSES
+from kiteocp.result.contract import STATUSES
 from kiteocp.result.earlier import PICTURES
+from kiteocp.studies.paper import convergence, paper
+from kiteocp.studies.paper.claims import check_claims
+from kiteocp.studies.paper.convergence import convergence_study
+from kiteocp.studies.paper.isolines import mass_isolines
+from kiteocp.studies.paper.paper import PaperValidation, validate_paper
+from kiteocp.studies.paper.published import CASES
+from kiteocp.studies.paper.report import report_html
+from kiteocp.studies.paper.tables import Comparison
+from kiteocp.studies.paper.text import WIDTH, format_validation
 
 
 @pytest.fixture(scope="module")

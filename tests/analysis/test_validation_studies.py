@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import kiteocp
-from kiteocp.analysis.validation.convergence import Convergence, Curve, convergence_study
-from kiteocp.analysis.validation.gravity_isolines import (
+from kiteocp.errors import NoEquilibriumError
+from kiteocp.studies.paper.convergence import Convergence, Curve, convergence_study
+from kiteocp.studies.paper.isolines import (
     ELEVATION_DEG,
     LIFT_TO_DRAG,
     REELING_FACTOR,
     isoline_problem,
     mass_isolines,
 )
-from kiteocp.errors import NoEquilibriumError
 
 
 @cache
@@ -63,7 +63,7 @@ def test_band_begins_where_it_is_said_to() -> None:
 
 def test_a_scheme_that_fails_is_missing_and_not_a_crash(monkeypatch: pytest.MonkeyPatch) -> None:
     """Steps so long that the kite leaves the domain: said by what is not a number."""
-    from kiteocp.analysis.validation import convergence  # noqa: PLC0415
+    from kiteocp.studies.paper import convergence  # noqa: PLC0415
 
     heavy = kiteocp.load_problem("moderate-wind", {"kite.mass_kg": 30.0, "environment.wind.reference_speed_m_s": 4.5})
     monkeypatch.setattr(convergence, "CASES", {"moderate-wind": "moderate wind"})

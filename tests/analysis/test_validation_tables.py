@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from kiteocp import load_problem
-from kiteocp.analysis.forward_sensitivity import forward_sensitivity, rounding_band
-from kiteocp.analysis.validation.consistency import errata_effects, printed_checks, table_checks
-from kiteocp.analysis.validation.published import (
+from kiteocp.physics.parameters import ParameterValues, parameter_values
+from kiteocp.studies.paper.consistency import errata_effects, printed_checks, table_checks
+from kiteocp.studies.paper.published import (
     CASES,
     ERRATA,
     NOMINAL_KEYS,
@@ -21,9 +21,9 @@ from kiteocp.analysis.validation.published import (
     published_experiment,
     published_simulation,
 )
-from kiteocp.analysis.validation.rounding import REEL_OUT_ENERGY, RETRACTION_FORCE, Band, flown_numbers
-from kiteocp.analysis.validation.tables import Comparison, Number, Row, compare
-from kiteocp.physics.parameters import ParameterValues, parameter_values
+from kiteocp.studies.paper.rounding import REEL_OUT_ENERGY, RETRACTION_FORCE, Band, flown_numbers
+from kiteocp.studies.paper.tables import Comparison, Number, Row, compare
+from kiteocp.studies.sensitivity.forward import forward_sensitivity, rounding_band
 
 BOTH = pytest.mark.parametrize("case", list(CASES))
 GRAVITY = pytest.mark.parametrize("gravity", [True, False])

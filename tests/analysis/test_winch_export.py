@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 import kiteocp
-from kiteocp.analysis.setpoints import LENGTH_SAMPLES, branches
-from kiteocp.analysis.winch import WIND_FACTORS, winch_export
 from kiteocp.cli.main import main
-from kiteocp.ocp.solution import optimise
+from kiteocp.optimum.refine import optimise
+from kiteocp.studies.winch.export import WIND_FACTORS, winch_export
+from kiteocp.studies.winch.setpoints import LENGTH_SAMPLES, branches
 
 #: Percent of the optimal power that the force laws lose in the wind of the problem, as measured, rounded up.
 MEASURED_LOSS = {"strong-wind": 0.34, "moderate-wind": 0.31, "v3-kite": 0.06}
@@ -152,6 +152,6 @@ def test_a_place_that_cannot_be_written_is_one_sentence(tmp_path, capsys, monkey
 
 def test_export_schedule_is_public(tmp_path, monkeypatch):
     problem = kiteocp.load_problem("v3-kite")
-    monkeypatch.setattr("kiteocp.analysis.winch.optimise", lambda p, **_: optimise(p, certificate="quick"))
+    monkeypatch.setattr("kiteocp.studies.winch.export.optimise", lambda p, **_: optimise(p, certificate="quick"))
     export = kiteocp.export_schedule(problem, tmp_path)
     assert (tmp_path / "report.txt").read_text() == export.report + "\n"

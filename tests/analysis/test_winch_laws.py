@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 
 from kiteocp import CycleError, load_problem
-from kiteocp.analysis.winch import in_wind
-from kiteocp.analysis.winch_evaluation import violations_of
-from kiteocp.analysis.winch_flight import HeldQuantities, Switching, fly_laws
-from kiteocp.analysis.winch_law import (
+from kiteocp.cycle.phases import PHASES
+from kiteocp.optimum.refine import optimise
+from kiteocp.physics.flight import flight_state
+from kiteocp.studies.winch.evaluation import violations_of
+from kiteocp.studies.winch.export import in_wind
+from kiteocp.studies.winch.flight import HeldQuantities, Switching, fly_laws
+from kiteocp.studies.winch.law import (
     FORCE_BAND,
     WinchLaw,
     fit_force_law,
@@ -17,9 +20,6 @@ from kiteocp.analysis.winch_law import (
     ground_force_limits,
     is_monotone,
 )
-from kiteocp.cycle.phases import PHASES
-from kiteocp.ocp.solution import optimise
-from kiteocp.physics.flight import flight_state
 
 
 @pytest.fixture(scope="module")

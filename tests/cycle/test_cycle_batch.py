@@ -12,13 +12,13 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 import kiteocp
-from kiteocp.cycle.cycle_function import COARSE, FINE, OUTPUT_NAMES, cycle_function
+from kiteocp.cycle.fast.cycle_function import COARSE, FINE, OUTPUT_NAMES, cycle_function
 from kiteocp.cycle.laws import phase_functions
 from kiteocp.cycle.phases import PHASES, FlownPhase
 from kiteocp.cycle.simulation import fly
 from kiteocp.cycle.transition import transition_branches
-from kiteocp.cycle.vectorised import COLUMNS, VectorisedFunction
 from kiteocp.errors import CycleError, InputError
+from kiteocp.numerics.vectorised import COLUMNS, VectorisedFunction
 from kiteocp.physics.parameters import ParameterValues, parameter_values
 
 SHIPPED = ("strong-wind", "moderate-wind", "v3-kite")

@@ -10,18 +10,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-import kiteocp.ocp.infeasibility
+import kiteocp.optimum.infeasibility
 from benchmarks.family import random_draws, wind_sweeps
 from kiteocp import load_problem, solve
 from kiteocp.cli.main import main
 from kiteocp.cycle import weight
-from kiteocp.cycle.remedies import in_wind
 from kiteocp.cycle.weight import CARRIED, carried_share, uncarried_weight
 from kiteocp.errors import InfeasibleError, NoEquilibriumError
-from kiteocp.ocp.formulation import Formulation
-from kiteocp.ocp.search import cycle_solver, solve_from_starts, solver_options
+from kiteocp.optimum.program import Formulation
+from kiteocp.optimum.search import cycle_solver, solve_from_starts, solver_options
 from kiteocp.physics.flight import flight_state
 from kiteocp.physics.parameters import parameter_values
+from kiteocp.physics.wind import in_wind
 from kiteocp.problem import Problem
 
 #: 27 kg/m2, as a rigid wing, on a soft kite.
@@ -43,7 +43,7 @@ def test_solve_says_the_same_without_a_search_for_relaxations(
     def explain(*_: Any) -> None:
         pytest.fail("relaxations were looked for")
 
-    monkeypatch.setattr(kiteocp.ocp.infeasibility, "explain", explain)
+    monkeypatch.setattr(kiteocp.optimum.infeasibility, "explain", explain)
     assert main(["solve", "v3-kite", "--set", "kite.mass_kg=530", "--no-plot", "-o", str(tmp_path)]) == 1
     found = uncarried_weight(parameter_values(load_problem("v3-kite", HEAVY)), "fixed")
     assert found is not None

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from kiteocp import load_problem
-from kiteocp.analysis.local_study import LocalStudy
-from kiteocp.ocp.solution import optimise
+from kiteocp.optimum.refine import optimise
 from kiteocp.problem import Problem
+from kiteocp.studies.sensitivity.derivatives import LocalStudy
 
 TIGHT = {"optimisation.tolerance": 1e-10}
 STRONG = load_problem("strong-wind", TIGHT)

@@ -13,13 +13,15 @@ import numpy as np
 import pytest
 
 from kiteocp import load_problem
-from kiteocp.ocp import certificate as certify
-from kiteocp.ocp import formulation, search, solution
-from kiteocp.ocp.formulation import Formulation
 from kiteocp.ocp.nlpsolver import Solver
 from kiteocp.ocp.optimality import Optimality
-from kiteocp.ocp.search import cycle_solver, solver_options
-from kiteocp.ocp.solution import Optimum, optimise
+from kiteocp.optimum import certificate as certify
+from kiteocp.optimum import program as formulation
+from kiteocp.optimum import refine as solution
+from kiteocp.optimum import search
+from kiteocp.optimum.program import Formulation
+from kiteocp.optimum.refine import Optimum, optimise
+from kiteocp.optimum.search import cycle_solver, solver_options
 from kiteocp.physics.model import Coefficients, FlightState, Model, Position, Surroundings
 from kiteocp.physics.parameters import parameter_values
 

@@ -12,12 +12,12 @@ import pytest
 
 from kiteocp import load_problem
 from kiteocp.cli.main import main
-from kiteocp.ocp import certificate as certify
-from kiteocp.ocp.formulation import Formulation
 from kiteocp.ocp.nlpsolver import Solution, Solver
-from kiteocp.ocp.optimum import OptimalCycle
-from kiteocp.ocp.search import cycle_solver, solver_options
-from kiteocp.ocp.solution import Optimum, optimise
+from kiteocp.optimum import certificate as certify
+from kiteocp.optimum.cycle import OptimalCycle
+from kiteocp.optimum.program import Formulation
+from kiteocp.optimum.refine import Optimum, optimise
+from kiteocp.optimum.search import cycle_solver, solver_options
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem, shipped_problems
 

@@ -14,7 +14,7 @@ import pytest
 from dynamic_programming import CycleSearch, GlobalOptimum
 
 from kiteocp import load_problem
-from kiteocp.ocp.solution import Optimum, optimise
+from kiteocp.optimum.refine import Optimum, optimise
 
 NAMES = ("strong-wind", "v3-kite")
 

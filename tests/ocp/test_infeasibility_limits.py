@@ -10,14 +10,14 @@ import pytest
 
 from kiteocp import load_problem
 from kiteocp.cycle.limits import limits_of
-from kiteocp.ocp.conflict import Infeasibility
-from kiteocp.ocp.formulation import Formulation
-from kiteocp.ocp.infeasibility import explain
 from kiteocp.ocp.optimality import Optimality
-from kiteocp.ocp.reliefs import farthest, loosening, penalised_optimum
-from kiteocp.ocp.search import cycle_solver
-from kiteocp.ocp.starts import STARTS, guess_of
 from kiteocp.ocp.trajectory import Trajectory
+from kiteocp.optimum.conflict import Infeasibility
+from kiteocp.optimum.infeasibility import explain
+from kiteocp.optimum.program import Formulation
+from kiteocp.optimum.relaxations import farthest, loosening, penalised_optimum
+from kiteocp.optimum.search import cycle_solver
+from kiteocp.optimum.starts import STARTS, guess_of
 from kiteocp.physics.parameters import ParameterValues, parameter_values
 
 WIND = "environment.wind.reference_speed_m_s"

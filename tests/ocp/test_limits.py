@@ -11,17 +11,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kiteocp import simulate, simulate_batch
-from kiteocp.analysis.local_study import LocalStudy
-from kiteocp.analysis.sensitivity import sensitivities
 from kiteocp.cycle.limits import limits_of
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.errors import CycleError, InfeasibleError
-from kiteocp.ocp import solve
-from kiteocp.ocp.formulation import Formulation, cycle_program
-from kiteocp.ocp.solution import optimise
+from kiteocp.optimum.program import Formulation, cycle_program
+from kiteocp.optimum.refine import optimise
+from kiteocp.optimum.solve import solve
 from kiteocp.physics.equilibrium import OUTPUTS
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem, load_problem
+from kiteocp.studies.sensitivity.derivatives import LocalStudy
+from kiteocp.studies.sensitivity.local import sensitivities
 
 #: A kite for which a short transition is best; the case of ../shared/cases/short-transition.yaml.
 SHORT_TRANSITION = """

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from kiteocp import load_problem, simulate, solve
-from kiteocp.analysis.local_study import LocalStudy
-from kiteocp.analysis.sensitivity import sensitivities
-from kiteocp.analysis.winch import winch_export
 from kiteocp.cycle.limits import limits_of
 from kiteocp.errors import InfeasibleError, InputError
-from kiteocp.ocp.solution import optimise
+from kiteocp.optimum.refine import optimise
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem.catalogue import limit_keys
+from kiteocp.studies.sensitivity.derivatives import LocalStudy
+from kiteocp.studies.sensitivity.local import sensitivities
+from kiteocp.studies.winch.export import winch_export
 
 WIND, SLOWEST = "limits.apparent_wind_speed_max_m_s", "limits.reel_out_speed_min_m_s"
 

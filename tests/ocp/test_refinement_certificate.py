@@ -9,11 +9,11 @@ import pytest
 
 from benchmarks.family import WIND_KEY, random_draws
 from kiteocp import load_problem
-from kiteocp.ocp import solution
-from kiteocp.ocp.certificate import MESH_TOLERANCE
-from kiteocp.ocp.formulation import Formulation
-from kiteocp.ocp.refinement import IntervalErrors, passed_limit
-from kiteocp.ocp.solution import MeshSolution, Optimum, optimise
+from kiteocp.optimum import refine as solution
+from kiteocp.optimum.certificate import MESH_TOLERANCE
+from kiteocp.optimum.mesh_error import IntervalErrors, passed_limit
+from kiteocp.optimum.program import Formulation
+from kiteocp.optimum.refine import MeshSolution, Optimum, optimise
 from kiteocp.problem import Problem
 
 

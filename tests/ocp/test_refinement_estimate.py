@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 from benchmarks.family import WIND_KEY
 from kiteocp import load_problem
 from kiteocp.ocp.collocation import PhaseMesh
-from kiteocp.ocp.formulation import Formulation
-from kiteocp.ocp.optimum import OptimalCycle
-from kiteocp.ocp.refinement import MOST_PARTS, TARGET, WORST_SHARE, IntervalErrors, adapted_mesh, interval_errors
-from kiteocp.ocp.search import best_of, cycle_solver, search, solver_options
-from kiteocp.ocp.solution import MeshSolution, optimise
+from kiteocp.optimum.cycle import OptimalCycle
+from kiteocp.optimum.mesh_error import MOST_PARTS, TARGET, WORST_SHARE, IntervalErrors, adapted_mesh, interval_errors
+from kiteocp.optimum.program import Formulation
+from kiteocp.optimum.refine import MeshSolution, optimise
+from kiteocp.optimum.search import best_of, cycle_solver, search, solver_options
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem
 

@@ -13,8 +13,8 @@ import pytest
 from benchmarks.family import Member, random_draws, wind_sweeps
 from benchmarks.robustness_outcome import SHORTFALL
 from kiteocp.errors import InfeasibleError
-from kiteocp.ocp.infeasibility import NOTHING
-from kiteocp.ocp.solution import optimise
+from kiteocp.optimum.infeasibility import NOTHING
+from kiteocp.optimum.refine import optimise
 
 #: What the optimum may miss, and the error of the default mesh, which was up to 0.07 % at the edge.
 TOLERANCE = SHORTFALL + 1e-3

@@ -13,9 +13,9 @@ import yaml
 
 from kiteocp import load_problem, solve
 from kiteocp.cli.main import main
-from kiteocp.ocp.certificate import starts_check
-from kiteocp.ocp.cycle_checks import LimitMargin, limits_check
 from kiteocp.ocp.nlpsolver import Solution, Solver
+from kiteocp.optimum.certificate import starts_check
+from kiteocp.optimum.checks import LimitMargin, limits_check
 from kiteocp.problem import Problem, problem_from_dict
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import kiteocp
-from kiteocp.ocp import solve
+from kiteocp.optimum.solve import solve
 
 MESH = {"retraction_intervals": 4, "transition_intervals": 4, "traction_intervals": 2, "degree": 3}
 

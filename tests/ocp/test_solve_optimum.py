@@ -10,7 +10,7 @@ import pytest
 
 import kiteocp
 from kiteocp.errors import InfeasibleError
-from kiteocp.ocp import solve
+from kiteocp.optimum.solve import solve
 
 SHIPPED = ("strong-wind", "moderate-wind", "v3-kite")
 

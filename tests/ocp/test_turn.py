@@ -11,12 +11,12 @@ import pytest
 
 import kiteocp
 from kiteocp import load_problem, simulate, solve
-from kiteocp.analysis.local_study import LocalStudy
-from kiteocp.analysis.winch import winch_export
 from kiteocp.cli.main import main
 from kiteocp.cycle.remedies import explain_simulation
 from kiteocp.errors import CycleError, InputError
-from kiteocp.ocp.solution import optimise
+from kiteocp.optimum.refine import optimise
+from kiteocp.studies.sensitivity.derivatives import LocalStudy
+from kiteocp.studies.winch.export import winch_export
 
 FLOWN = {"optimisation.turn": "flown"}
 

@@ -14,9 +14,9 @@ from numpy.polynomial import Polynomial
 
 from kiteocp.cli.main import main
 from kiteocp.ocp.collocation import PhaseMesh, continuous_nodes, slope_bounds_matrix
-from kiteocp.ocp.cycle_checks import MARGIN_TOLERANCE, limit_margins
-from kiteocp.ocp.optimum import active_limits
-from kiteocp.ocp.solution import optimise
+from kiteocp.optimum.checks import MARGIN_TOLERANCE, limit_margins
+from kiteocp.optimum.cycle import active_limits
+from kiteocp.optimum.refine import optimise
 from kiteocp.problem import load_problem
 
 ACCELERATION = "limits.reeling_acceleration_max_m_s2"

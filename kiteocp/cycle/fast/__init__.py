@@ -1,0 +1,1 @@
+"""Many prescribed cycles at once, and their derivatives: special cases of the simulation, for speed."""

@@ -1,0 +1,1 @@
+"""The optimal cycle: its program, starts, search, refinement, certificate, and why there is none."""

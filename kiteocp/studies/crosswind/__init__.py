@@ -1,0 +1,1 @@
+"""The crosswind manoeuvre resolved in azimuth and elevation, against its representative state."""

@@ -1,0 +1,1 @@
+"""Measured flights, predicted by the model and compared with it."""

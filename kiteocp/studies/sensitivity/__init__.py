@@ -1,0 +1,1 @@
+"""What the optimal power is worth in every number: derivatives, variations, uncertainties."""

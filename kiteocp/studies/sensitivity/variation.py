@@ -1,0 +1,246 @@
+"""The optimum along one key of the problem file: certified re-solves beside the tangent at the problem's own value."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from kiteocp.cycle.phases import PHASES
+from kiteocp.errors import InputError, SolveError
+from kiteocp.execution import one_at_a_time
+from kiteocp.optimum import certificate as certify
+from kiteocp.optimum.certificate import Certificate
+from kiteocp.optimum.cycle import OptimalCycle, active_limits
+from kiteocp.optimum.refine import Optimum, optimise
+from kiteocp.physics.parameters import parameter_values
+from kiteocp.problem import Problem
+from kiteocp.problem.catalogue import limit_keys
+from kiteocp.result import Result, write_atomically
+
+VARIATION_FILE = "variation.csv"
+
+#: Values that one key takes at most.
+MOST_VALUES = 1000
+
+#: Of two optima at one value the cold one is taken to be another where its power is larger by this share.
+ANOTHER_OPTIMUM = 1e-4
+
+
+@dataclass(frozen=True)
+class Variation:
+    """A key and the optimum at several of its values.
+
+    Attributes
+    ----------
+    key
+        Key path.
+    points
+        For each value, ascending: ``value``, ``status``, ``mean_power_W`` (None where there is no cycle), ``tangent_W``
+        (None where the problem's own value has no optimum), ``active_limits`` (by phase, with share of its time).
+    """
+
+    key: str
+    points: tuple[dict[str, Any], ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the variation as plain values for the summary."""
+        return {"key": self.key, "points": list(self.points)}
+
+    def save(self, directory: Path) -> Path:
+        """Write the points as a table, one column for each limit that a phase may have, whether met or not.
+
+        Its cells are shares of the time of the phase, 0 where the limit is not active.
+        """
+        names = [(phase, name) for phase in PHASES for name in self.limits]
+        stream = io.StringIO()
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow([self.key, "mean_power_W", "tangent_W", "status", *(f"{p}:{n}" for p, n in names)])
+        for point in self.points:
+            shares = [share_of(point, phase, name) for phase, name in names]
+            head = [point["value"], point["mean_power_W"], point["tangent_W"], point["status"]]
+            writer.writerow(["" if cell is None else cell for cell in (*head, *shares)])
+        path = directory / VARIATION_FILE
+        write_atomically({path: stream.getvalue().encode()})
+        return path
+
+    @property
+    def limits(self) -> list[str]:
+        """Return the keys of all limits that are numbers, and of any other that is active at some point."""
+        declared = limit_keys()
+        met = [
+            entry["limit"]
+            for point in self.points
+            for entries in point["active_limits"].values()
+            for entry in entries
+        ]
+        return list(dict.fromkeys([*declared, *sorted(met)]))
+
+
+def share_of(point: dict[str, Any], phase: str, limit: str) -> float:
+    """Return the share of the time of a phase for which a limit is active at a point of a variation."""
+    entries = point["active_limits"].get(phase, [])
+    return next((float(entry["share"]) for entry in entries if entry["limit"] == limit), 0.0)
+
+
+def parse_variation(text: str) -> tuple[str, list[float]]:
+    """Split ``key=from:to:count`` or ``key=value,value``.
+
+    Returns
+    -------
+    tuple of str and list of float
+        Key path and the values, ascending.
+
+    Raises
+    ------
+    InputError
+        If it is not of this form.
+    """
+    key, _, numbers = text.partition("=")
+    try:
+        if ":" in numbers:
+            first, last, count = numbers.split(":")
+            steps = int(count) if len(count) <= len(str(MOST_VALUES)) else 0
+            values = np.linspace(float(first), float(last), steps) if 2 <= steps <= MOST_VALUES else np.array([])
+        else:
+            values = np.array([float(part) for part in numbers.split(",")])
+    except ValueError:
+        values = np.array([])
+    values = np.unique(values)
+    if not (2 <= values.size <= MOST_VALUES and np.isfinite(values).all() and key.strip()):
+        raise InputError(
+            f"--vary {text}: expected key=from:to:count or key=value,value with 2 to {MOST_VALUES} different values, "
+            "such as tether.diameter_m=0.003:0.008:11 or tether.diameter_m=0.003,0.004"
+        )
+    return key.strip(), values.tolist()
+
+
+def varied_problems(problem: Problem, key: str, values: Sequence[float]) -> list[Problem]:
+    """Return the problem with each of the values.
+
+    Raises
+    ------
+    InputError
+        The key does not exist or is not a number, or a value makes the problem wrong.
+    """
+    problems = [problem.with_values({key: value}) for value in values]
+    if key not in parameter_values(problems[0]).structure.keys:
+        raise InputError(f"--vary {key}: is not a number that the optimum depends on; give one such as kite.mass_kg")
+    return problems
+
+
+@one_at_a_time
+def vary(
+    problem: Problem,
+    key: str,
+    values: Sequence[float],
+    around: Result | None = None,
+    progress: Callable[[Variation, int], None] | None = None,
+) -> Variation:
+    """Re-solve a problem along one key, each value warm from its neighbour, and certify every optimum.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    key
+        Key path of a number.
+    values
+        Ascending.
+    around
+        The sensitivities of the problem itself, whose tangent is laid beside the curve; None leaves it out.
+    progress
+        Called after each value with the variation so far and the number of values.
+
+    Returns
+    -------
+    Variation
+
+    Raises
+    ------
+    InputError
+        As `varied_problems`.
+    """
+    problems = varied_problems(problem, key, values)
+    tangents: list[float | None] = [None] * len(values)
+    rows = [row for row in around.details["sensitivities"] if row["key"] == key] if around is not None else []
+    if around is not None and rows:
+        power, slope, own = around.details["optimal_mean_power_W"], rows[0]["derivative"], rows[0]["value"]
+        tangents = [power + slope * (value - own) for value in values]
+    points: dict[int, dict[str, Any]] = {}
+
+    def kept(index: int, found: Optimum | str) -> Optimum | str:
+        points[index] = _point(values[index], found, tangents[index])
+        if progress is not None:
+            progress(Variation(key, tuple(points[place] for place in sorted(points))), len(values))
+        return found
+
+    # The ends are solved cold: a better optimum there than the warm chain finds means that the chain must be cold too.
+    last = len(problems) - 1
+    cold = kept(last, _cold(problems[last]))
+    reached = kept(0, _cold(problems[0]))
+    for index in range(1, last):
+        reached = kept(index, _warm(problems[index], reached))
+    reached = _warm(problems[last], reached)
+    if isinstance(cold, Optimum) and (isinstance(reached, str) or _better(cold, reached)):
+        for index in range(1, last):
+            kept(index, _cold(problems[index]))
+    else:
+        kept(last, reached)
+    return Variation(key, tuple(points[place] for place in sorted(points)))
+
+
+def _better(one: Optimum, other: Optimum) -> bool:
+    return one.mean_power_W - other.mean_power_W > ANOTHER_OPTIMUM * abs(one.mean_power_W)
+
+
+def _cold(problem: Problem) -> Optimum | str:
+    """Return the optimum from all starts, on a finer mesh where that of the file does not pass; or the status."""
+    try:
+        found = optimise(problem, certificate="quick")
+        return found if found.certificate.passed else optimise(problem, certificate="full")
+    except SolveError as error:
+        return "infeasible" if error.explanation else "failed"
+
+
+def _warm(problem: Problem, neighbour: Optimum | str) -> Optimum | str:
+    """Return the optimum from a neighbour's, checked; from all starts where that does not pass."""
+    if isinstance(neighbour, str):
+        return _cold(problem)
+    values = parameter_values(problem)
+    if values.structure != neighbour.values.structure:
+        return _cold(problem)
+    solution = neighbour.solver.solve(neighbour.solution.x, values.vector, warm=neighbour.solution)
+    if not solution.success:
+        return _cold(problem)
+    program = neighbour.solver.program
+    cycle = OptimalCycle.of(program, solution, values)
+    resimulation, flown, _ = certify.resimulation_check(cycle, "quick")
+    limits = certify.limits_check(certify.limit_margins(cycle, flown))
+    checks = (certify.solver_check(solution), certify.kkt_check(program, solution), limits, resimulation)
+    found = replace(
+        neighbour,
+        problem=problem,
+        values=values,
+        solution=solution,
+        cycle=cycle,
+        certificate=Certificate("quick", checks),
+    )
+    return found if found.certificate.passed else _cold(problem)
+
+
+def _point(value: float, found: Optimum | str, tangent: float | None) -> dict[str, Any]:
+    if isinstance(found, str):
+        return {"value": value, "status": found, "mean_power_W": None, "tangent_W": tangent, "active_limits": {}}
+    return {
+        "value": value,
+        "status": found.certificate.status,
+        "mean_power_W": found.mean_power_W,
+        "tangent_W": tangent,
+        "active_limits": active_limits(found.cycle),
+    }
