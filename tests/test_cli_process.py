@@ -7,7 +7,6 @@ import json
 import signal
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -28,16 +27,6 @@ def loaded_by(code):
 def test_help_and_import_load_no_heavy_package():
     assert loaded_by("from kiteocp.cli.main import main; main(['--help'])") == []
     assert loaded_by("import kiteocp; kiteocp.__version__; kiteocp.load_problem('strong-wind')") == []
-
-
-def test_help_takes_less_than_0_3_seconds():
-    # The best of five: the bound is on the command, not on what else the machine does.
-    durations = []
-    for _ in range(5):
-        start = time.perf_counter()
-        assert run("--help").returncode == 0
-        durations.append(time.perf_counter() - start)
-    assert min(durations) < 0.3
 
 
 def test_public_names_are_there_and_others_are_not():

@@ -19,6 +19,7 @@ from kiteocp.physics.machine import electrical, energy_moved
 from kiteocp.physics.model import Model
 from kiteocp.physics.parameters import ParameterValues, Structure, parameters_of
 from kiteocp.physics.tether import relative_gravitational_force, tether_mass
+from kiteocp.physics.wind import profile_of
 
 #: Outputs of a flight state that every time series carries.
 CHANNELS = (
@@ -36,9 +37,6 @@ CHANNELS = (
     "reeling_factor",
     "inflow_angle",
 )
-
-#: Above this height the logarithmic law is not meant to hold (section 2.1 of the paper).
-LOGARITHMIC_LAW_HEIGHT_M = 500.0
 
 #: Tether weight over tether force beyond which the sag is no longer small (eq:rel_gravitational_Force).
 SAG_LIMIT = 0.3
@@ -234,21 +232,11 @@ def steering(record: PhaseRecord, values: ParameterValues) -> dict[str, np.ndarr
 def validity_warnings(records: Sequence[PhaseRecord], values: ParameterValues) -> list[str]:
     """Name what of a flown cycle lies outside the validity of the model, one sentence each."""
     warnings = []
-    profile = values.structure.choice("environment.wind.profile")
     highest = max(float(record.output("height").max()) for record in records)
     lowest = min(float(record.output("height").min()) for record in records)
-    if profile == "logarithmic" and highest > LOGARITHMIC_LAW_HEIGHT_M + 0.5:
-        warnings.append(
-            f"the kite flies up to {highest:.0f} m; the logarithmic wind profile is meant for heights up to "
-            f"{LOGARITHMIC_LAW_HEIGHT_M:.0f} m"
-        )
-    if profile == "table":
-        heights = [values[key] for key in values.structure.keys if key.startswith("environment.wind.heights_m[")]
-        if highest > max(heights) or lowest < min(heights):
-            warnings.append(
-                f"the kite flies between {lowest:.0f} and {highest:.0f} m, beyond the wind table "
-                f"({min(heights):.0f} to {max(heights):.0f} m), whose end values are held there"
-            )
+    remark = profile_of(values.structure).remark(values, lowest, highest)
+    if remark is not None:
+        warnings.append(remark)
     if lowest < 0:
         warnings.append(f"the flight path goes below the ground ({lowest:.0f} m)")
     for record in records:

@@ -16,6 +16,7 @@ import casadi as ca
 from kiteocp.physics import aerodynamics, atmosphere, kinematics, machine, tether
 from kiteocp.physics.kinematics import Course
 from kiteocp.physics.parameters import Parameters
+from kiteocp.physics.wind import profile_of
 
 
 @dataclass(frozen=True)
@@ -134,19 +135,7 @@ class Model:
 
     def wind_speed(self, height: Any) -> Any:
         """Wind speed at a height, m/s."""
-        p, key = self.parameters, "environment.wind"
-        profile = self.structure.choice(f"{key}.profile")
-        if profile == "table":
-            return atmosphere.tabulated_wind_speed(height, p.series(f"{key}.heights_m"), p.series(f"{key}.speeds_m_s"))
-        reference_speed = p[f"{key}.reference_speed_m_s"]
-        if profile == "uniform":
-            return reference_speed
-        reference_height = p[f"{key}.reference_height_m"]
-        if profile == "power-law":
-            return atmosphere.power_law_wind_speed(height, reference_speed, reference_height, p[f"{key}.exponent"])
-        return atmosphere.logarithmic_wind_speed(
-            height, reference_speed, reference_height, p[f"{key}.roughness_length_m"]
-        )
+        return profile_of(self.structure).speed(height, self.parameters)
 
     def air_density(self, height: Any) -> Any:
         """Air density at a height, kg/m3."""

@@ -12,10 +12,10 @@ from made_flight import made_flight
 
 from kiteocp.errors import InputError
 from kiteocp.physics.parameters import parameter_values
+from kiteocp.physics.wind import wind_function
 from kiteocp.problem import Problem, load_problem
 from kiteocp.recording import FlightData, load_flight
 from kiteocp.recording.data import MeasuredWind
-from kiteocp.studies.estimation.profile import wind_function
 from kiteocp.studies.estimation.study import estimate
 from kiteocp.studies.estimation.unknowns import WindUnknowns
 from kiteocp.studies.prediction.cycle_wind import wind_of_cycle

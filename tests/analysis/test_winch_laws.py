@@ -9,8 +9,8 @@ from kiteocp import CycleError, load_problem
 from kiteocp.cycle.phases import PHASES
 from kiteocp.optimum.refine import optimise
 from kiteocp.physics.flight import flight_state
+from kiteocp.physics.wind import problem_in_wind
 from kiteocp.studies.winch.evaluation import violations_of
-from kiteocp.studies.winch.export import in_wind
 from kiteocp.studies.winch.flight import HeldQuantities, Switching, fly_laws
 from kiteocp.studies.winch.law import (
     FORCE_BAND,
@@ -157,8 +157,8 @@ def test_violations_name_the_worst_of_a_phase_in_the_unit_of_the_file(cycle, flo
 
 
 def test_wind_is_scaled_in_any_profile():
-    weaker = in_wind(load_problem("strong-wind"), 0.9)
+    weaker = problem_in_wind(load_problem("strong-wind"), 0.9)
     assert weaker.environment.wind.reference_speed_m_s == pytest.approx(0.9 * 9.9)
     table = {"profile": "table", "heights_m": [0.0, 100.0, 1000.0], "speeds_m_s": [5.0, 10.0, 12.0]}
-    stronger = in_wind(load_problem("strong-wind", {"environment.wind": table}), 1.1)
+    stronger = problem_in_wind(load_problem("strong-wind", {"environment.wind": table}), 1.1)
     np.testing.assert_allclose(stronger.environment.wind.speeds_m_s, [5.5, 11.0, 13.2])

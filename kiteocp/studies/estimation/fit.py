@@ -26,11 +26,11 @@ from kiteocp.numerics.robust import RobustFit, robust_fit
 from kiteocp.physics.aerodynamics import resultant_coefficient
 from kiteocp.physics.model import Model
 from kiteocp.physics.parameters import Structure, parameter_values, parameters_of
+from kiteocp.physics.wind import scaled_wind
 from kiteocp.problem import Problem
 from kiteocp.recording import FlightData
 from kiteocp.recording.power_setting import FULLY_POWERED
 from kiteocp.studies.estimation.inversion import MEASURED, Inversion, apparent_wind, measured_samples, turned_sample
-from kiteocp.studies.estimation.profile import scaled_wind
 from kiteocp.studies.estimation.wind import ANGLES_DEG, SCALES, WindEstimate, wind_of_problem
 
 FloatArray = NDArray[np.float64]

@@ -18,9 +18,9 @@ from kiteocp.errors import InputError
 from kiteocp.execution import one_at_a_time
 from kiteocp.physics.model import Model
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values, parameters_of
+from kiteocp.physics.wind import ground_height
 from kiteocp.recording import FlightData
 from kiteocp.result import Result
-from kiteocp.studies.estimation.profile import ground_height
 
 FloatArray = NDArray[np.float64]
 

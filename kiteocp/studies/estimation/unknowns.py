@@ -15,9 +15,9 @@ import numpy as np
 
 from kiteocp.errors import InputError
 from kiteocp.physics.parameters import parameter_values
+from kiteocp.physics.wind import ground_height, reference_height, wind_function
 from kiteocp.problem import Problem
 from kiteocp.recording import FlightData
-from kiteocp.studies.estimation.profile import ground_height, reference_height, wind_function
 from kiteocp.studies.estimation.wind import WindEstimate
 
 #: Standard normal quantile of a 95 % interval.

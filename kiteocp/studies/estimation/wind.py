@@ -17,11 +17,10 @@ from kiteocp.numerics.averages import average
 from kiteocp.numerics.robust import TUKEY, RobustFit, robust_fit, tukey_loss
 from kiteocp.physics.model import Model
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values, parameters_of
-from kiteocp.physics.wind import wind_keys
+from kiteocp.physics.wind import ground_height, problem_in_wind, reference_height, scaled_wind, wind_function, wind_keys
 from kiteocp.problem import Problem
 from kiteocp.recording import FlightData
 from kiteocp.studies.estimation.inversion import MEASURED, apparent_wind, measured_samples, turned_sample
-from kiteocp.studies.estimation.profile import ground_height, reference_height, scaled_wind, wind_function
 
 FloatArray = NDArray[np.float64]
 
@@ -92,11 +91,7 @@ class WindEstimate:
 
     def applied(self, problem: Problem) -> Problem:
         """Return the problem with this wind speed."""
-        if self.scale == 1.0:
-            return problem
-        return problem.with_values(
-            {key: self.scale * number for key, number in wind_speeds(parameter_values(problem)).items()}
-        )
+        return problem if self.scale == 1.0 else problem_in_wind(problem, self.scale)
 
     def turned(self, flight: FlightData) -> FlightData:
         """Return the flight in the frame of this wind: elevation, course and velocity stay, the azimuth counts anew."""

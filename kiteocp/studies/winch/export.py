@@ -15,6 +15,7 @@ from kiteocp.errors import SolveError, check_word
 from kiteocp.execution import one_at_a_time
 from kiteocp.optimum.cycle import OptimalCycle
 from kiteocp.optimum.refine import Optimum, optimise
+from kiteocp.physics.wind import problem_in_wind
 from kiteocp.problem import Problem
 from kiteocp.result import write_atomically
 from kiteocp.result.contract import to_plain
@@ -166,7 +167,7 @@ def winch_export(optimum: Optimum) -> WinchExport:
     the one in the wind of the problem counting most; the length laws to that one alone.
     """
     cycle, problem = optimum.cycle, optimum.problem
-    problems = {factor: problem if factor == 1.0 else in_wind(problem, factor) for factor in WIND_FACTORS}
+    problems = {factor: problem if factor == 1.0 else problem_in_wind(problem, factor) for factor in WIND_FACTORS}
     optima = {factor: cycle if factor == 1.0 else _optimal_cycle(changed) for factor, changed in problems.items()}
     others = [other for factor, other in optima.items() if factor != 1.0 and other is not None]
     laws: dict[Kind, dict[PhaseName, WinchLaw]] = {"force": {}, "length": {}}
@@ -189,14 +190,6 @@ def winch_export(optimum: Optimum) -> WinchExport:
         laws,
         tuple(evaluations),
     )
-
-
-def in_wind(problem: Problem, factor: float) -> Problem:
-    """Return the problem with all wind speeds multiplied by a factor."""
-    wind = problem.to_dict()["environment"]["wind"]
-    if wind["profile"] == "table":
-        return problem.with_values({"environment.wind.speeds_m_s": [factor * speed for speed in wind["speeds_m_s"]]})
-    return problem.with_values({"environment.wind.reference_speed_m_s": factor * wind["reference_speed_m_s"]})
 
 
 def _optimal_cycle(problem: Problem) -> OptimalCycle | None:
