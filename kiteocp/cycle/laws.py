@@ -21,7 +21,7 @@ from kiteocp.physics.equilibrium import (
     radial_ground_force_flying_down,
 )
 from kiteocp.physics.kinematics import radians
-from kiteocp.physics.model import Coefficients, FlightState, Model, Position, Surroundings
+from kiteocp.physics.model import Coefficients, FlightState, LocalConditions, Model, Position
 from kiteocp.physics.parameters import Parameters, ParameterValues, Structure, parameters_of
 
 #: How the equilibrium of a state is found: in closed form, or by `casadi.rootfinder` on the residual.
@@ -125,7 +125,7 @@ def prescribed_motion(model: Model, kind: PhaseKind, tether_length: Any, elevati
     p = model.parameters
     reference = model.structure.choice("operation.force_reference")
 
-    def equilibrium(model: Model, position: Position, around: Surroundings) -> FlightState:
+    def equilibrium(model: Model, position: Position, around: LocalConditions) -> FlightState:
         coefficients = model.coefficients(kind.setting)
 
         def radial(key: str) -> Any:
@@ -147,7 +147,7 @@ def prescribed_motion(model: Model, kind: PhaseKind, tether_length: Any, elevati
 
 
 def _force_at_rest(
-    model: Model, position: Position, around: Surroundings, coefficients: Coefficients, equilibrium: Equilibrium
+    model: Model, position: Position, around: LocalConditions, coefficients: Coefficients, equilibrium: Equilibrium
 ) -> Any:
     if equilibrium == "explicit":
         return radial_ground_force_flying_down(model, around, 0.0)
@@ -157,7 +157,7 @@ def _force_at_rest(
 
 
 def _solved(
-    model: Model, position: Position, around: Surroundings, coefficients: Coefficients, control: str, value: Any
+    model: Model, position: Position, around: LocalConditions, coefficients: Coefficients, control: str, value: Any
 ) -> Any:
     """Inflow angle by `casadi.rootfinder`, started at the angle of the massless kite (eq:triangle_similarity)."""
     degrees = 1 / radians(1.0)

@@ -1,4 +1,4 @@
-"""How a phase moves: position, surroundings, equilibrium and rates put together, once for all who need them.
+"""How a phase moves: position, local conditions, equilibrium and rates put together, once for all who need them.
 
 Programs, laws, schedules, winch laws and replays differ in what they know of a state - a force, a speed, an unknown of
 the solver - and so hand in the equilibrium as a function; where the kite is, what it meets and how its elevation
@@ -15,10 +15,10 @@ from kiteocp.cycle.phases import PhaseKind
 from kiteocp.physics import kinematics
 from kiteocp.physics.equilibrium import explicit_state
 from kiteocp.physics.kinematics import Course
-from kiteocp.physics.model import FlightState, Model, Position, Surroundings
+from kiteocp.physics.model import FlightState, LocalConditions, Model, Position
 
-#: From model, position and surroundings to the flight state.
-Equilibrium = Callable[[Model, Position, Surroundings], FlightState]
+#: From model, position and local conditions to the flight state.
+Equilibrium = Callable[[Model, Position, LocalConditions], FlightState]
 
 
 @dataclass(frozen=True)
@@ -70,7 +70,7 @@ def motion(
     if course is not None:
         position = Position(tether_length, elevation, nominal.azimuth, Course.of_angle(course))
     setting = kind.setting if power_setting is None else power_setting
-    around = model.surroundings(position, model.coefficients(setting))
+    around = model.conditions(position, model.coefficients(setting))
     flight = equilibrium(model, position, around)
     if kind.course is not None:
         drift = kind.course
@@ -81,8 +81,8 @@ def motion(
     return Motion(flight, kinematics.elevation_rate(flight.tangential_speed, drift, tether_length))
 
 
-def at_force(force: Callable[[Model, Surroundings], Any]) -> Equilibrium:
-    """Return the closed form at a radial ground force (N), a function of model and surroundings."""
+def at_force(force: Callable[[Model, LocalConditions], Any]) -> Equilibrium:
+    """Return the closed form at a radial ground force (N), a function of model and local conditions."""
     return lambda model, position, around: explicit_state(model, position, around, force(model, around))
 
 

@@ -24,7 +24,7 @@ from kiteocp.cycle.simulation import SCALES, cycle_error
 from kiteocp.cycle.summary import PhaseRecord, electrical_energy_J
 from kiteocp.numerics.integrator import IntegrationError, Integrator
 from kiteocp.physics.equilibrium import OUTPUTS, outputs_of
-from kiteocp.physics.model import Model, Surroundings
+from kiteocp.physics.model import LocalConditions, Model
 from kiteocp.physics.parameters import Parameters, ParameterValues, Structure, parameters_of
 
 #: What a schedule may give; the first is always given, the others where the phase does not prescribe them.
@@ -150,7 +150,7 @@ def schedule_functions(structure: Structure, name: PhaseName, quantities: tuple[
     return ScheduleFunctions(rates, at)
 
 
-def _saturated(model: Model, around: Surroundings, force: Any) -> Any:
+def _saturated(model: Model, around: LocalConditions, force: Any) -> Any:
     """Keep a scheduled radial force within the tether force limits, as a winch does."""
     p = model.parameters
     low, high = (

@@ -24,7 +24,7 @@ from kiteocp.cycle.transition import transition_branches
 from kiteocp.errors import CycleError, InputError, NoEquilibriumError, check_word
 from kiteocp.execution import one_at_a_time
 from kiteocp.numerics.integrator import IntegrationError, Integrator
-from kiteocp.physics.flight import Place, solve_state
+from kiteocp.physics.flight import OperatingPoint, solve_state
 from kiteocp.physics.kinematics import UP
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values
 from kiteocp.problem import Problem
@@ -249,7 +249,7 @@ def _held_state(values: ParameterValues, name: PhaseName, length: float, elevati
     """Solve the state at the force that the phase holds (in the transition at the lower one)."""
     setting = KINDS[name].setting
     crosswind = name == "traction"
-    place = Place(
+    place = OperatingPoint(
         length,
         elevation,
         values["operation.traction.azimuth_deg"] if crosswind else 0.0,

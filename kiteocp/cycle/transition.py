@@ -43,7 +43,7 @@ def transition_functions(structure: Structure) -> TransitionFunctions:
     # As in the law: a force too small to lift the tether is no state.
     held = force + ca.if_else(force < 0, np.nan, 0.0)
     moved = motion(model, TRANSITION, state[1], state[2], at_force(lambda *_: held))
-    flight, around = moved.flight, moved.flight.surroundings
+    flight, around = moved.flight, moved.flight.conditions
     low, high = (
         model.radial_ground_force(around, p[f"operation.{phase}.tether_force_N"], reference)
         for phase in ("retraction", "traction")

@@ -139,7 +139,7 @@ def _share_function(structure: Structure) -> ca.Function:
     parameters = parameters_of(structure)
     model = Model(parameters)
     length, elevation, setting = (ca.SX.sym(name) for name in ("length", "elevation", "setting"))
-    around = model.surroundings(RETRACTION.position(model, length, elevation), model.coefficients(setting))
+    around = model.conditions(RETRACTION.position(model, length, elevation), model.coefficients(setting))
     radial_wind = ca.fmax(around.wind.radial + parameters[REEL_IN], 0.0)
     angles = np.linspace(0.0, 1.0, ANGLES)[1:]
     shares = [weight_share_flying_up(model, around, radial_wind, angle) for angle in angles]

@@ -1,4 +1,4 @@
-"""A solution on its active set: sharpened to rounding and differentiated with respect to the parameters.
+"""A solution on its active set: polished to rounding and differentiated with respect to the parameters.
 
 An interior-point solution leaves its mark on every multiplier: what is not active carries some 1e-9. Here the active
 constraints become equations and Newton's method solves the first-order conditions exactly; inactive constraints have
@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from kiteocp.ocp.active_solution import ActiveSet, ActiveSetError, Derivatives, SharpSolution
+from kiteocp.ocp.active_solution import ActiveSet, ActiveSetError, Derivatives, PolishedSolution
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.first_order import FirstOrderSystem, dense
 from kiteocp.ocp.nlp import NonlinearProgram
@@ -20,7 +20,7 @@ from kiteocp.ocp.nlpsolver import Solution
 
 #: Newton's method takes its last step below the first, in the scaled units of the program, and none below the second:
 #: rounding leaves about 1e-13.
-SHARP, EXACT = 1e-9, 1e-12
+POLISHED, EXACT = 1e-9, 1e-12
 NEWTON_STEPS = 12
 
 #: A bound is active where its multiplier exceeds its slack, both scaled; where the two are within this factor of each
@@ -33,7 +33,7 @@ INDEPENDENT = 1e-9
 #: Bounds that may change sides before a solution counts as lost.
 CHANGES = 12
 
-#: The least slack and multiplier that a sharpened solution may show with the wrong sign.
+#: The least slack and multiplier that a polished solution may show with the wrong sign.
 ROUNDING = 1e-9
 
 
@@ -88,7 +88,7 @@ class ActiveSetMethod:
                 basis = np.column_stack((basis, rest / length))
         return np.delete(own, independent)
 
-    def sharpen(self, solution: Solution | SharpSolution, active: ActiveSet, p: FloatArray) -> SharpSolution:
+    def polish(self, solution: Solution | PolishedSolution, active: ActiveSet, p: FloatArray) -> PolishedSolution:
         """Solve the first-order conditions with the active bounds as equations, from a nearby solution.
 
         Raises
@@ -114,45 +114,47 @@ class ActiveSetMethod:
                 step = self._system.solve(hessian, rows, own, -residual[:, None])[:, 0]
                 x = x + step[: self.nx]
                 multipliers[own] += step[self.nx :]
-            if size <= SHARP:
+            if size <= POLISHED:
                 lam_x, lam_g = multipliers[: self.nx].copy(), multipliers[self.nx :].copy()
                 value = np.concatenate((x, g))
                 nearer_lower = value - lower < upper - value
-                return SharpSolution(x, g, lam_x, lam_g, p, float(f), active, nearer_lower)
+                return PolishedSolution(x, g, lam_x, lam_g, p, float(f), active, nearer_lower)
         raise ActiveSetError("Newton's method does not converge on this active set")
 
-    def settle(self, solution: Solution | SharpSolution, active: ActiveSet, p: FloatArray) -> SharpSolution:
-        """Sharpen, changing one bound at a time until the active set is right.
+    def polish_and_correct(
+        self, solution: Solution | PolishedSolution, active: ActiveSet, p: FloatArray
+    ) -> PolishedSolution:
+        """Polish, changing one bound at a time until the active set is right.
 
         An interior-point solution may not tell which of two neighbouring points a limit is left at.
 
         Raises
         ------
         ActiveSetError
-            As `sharpen`, or no right active set is found near the given one.
+            As `polish`, or no right active set is found near the given one.
         """
         for _ in range(CHANGES):
-            sharp = self.sharpen(solution, active, p)
-            slacks, pressures = self.margins(sharp)
+            polished = self.polish(solution, active, p)
+            slacks, pressures = self.margins(polished)
             worst = np.minimum(slacks, pressures)
             index = int(np.argmin(worst))
             if worst[index] >= -ROUNDING:
-                return sharp
+                return polished
             both = np.concatenate((active.variables, active.rows))
             if both[index]:
                 both[index] = 0
             else:
-                both[index] = -1 if sharp.nearer_lower[index] else 1
+                both[index] = -1 if polished.nearer_lower[index] else 1
             active = ActiveSet(both[: self.nx], both[self.nx :], active.weak)
-            solution = sharp
+            solution = polished
         raise ActiveSetError("no active set near the solution satisfies the first-order conditions")
 
-    def derivatives(self, sharp: SharpSolution, directions: FloatArray | None = None) -> Derivatives:
-        """Differentiate a sharpened solution along directions of the parameter vector.
+    def derivatives(self, polished: PolishedSolution, directions: FloatArray | None = None) -> Derivatives:
+        """Differentiate a polished solution along directions of the parameter vector.
 
         Parameters
         ----------
-        sharp
+        polished
             The solution.
         directions
             Shape (parameters, directions); each parameter for itself where left out.
@@ -163,23 +165,23 @@ class ActiveSetMethod:
             The system is singular.
         """
         way = np.eye(self.np_) if directions is None else directions
-        gradient, hessian, jacobian = (dense(v) for v in self._system.first(sharp.x, sharp.p, sharp.lam_g))
-        bounds = dense(self._system.bound_slopes(sharp.p)) @ way
-        own, side = self._system.own_rows(self._sided(sharp))
+        gradient, hessian, jacobian = (dense(v) for v in self._system.first(polished.x, polished.p, polished.lam_g))
+        bounds = dense(self._system.bound_slopes(polished.p)) @ way
+        own, side = self._system.own_rows(self._sided(polished))
         rows = np.vstack((np.eye(self.nx), jacobian[:, : self.nx]))
         direct = np.vstack((np.zeros((self.nx, way.shape[1])), jacobian[:, self.nx :] @ way))
         # Distance of each active bound: value - bound(p).
         distance = direct[own] - bounds[side]
         cross = hessian[: self.nx, self.nx :] @ way
-        _, _, _, curved, linear = self._system.newton(sharp.x, sharp.p, sharp.lam_g)
+        _, _, _, curved, linear = self._system.newton(polished.x, polished.p, polished.lam_g)
         slopes = self._system.solve(curved, linear, own, -np.vstack((cross, distance)))
         x, multiplier = slopes[: self.nx], slopes[self.nx :]
-        pressing = np.concatenate((sharp.lam_x, sharp.lam_g))[own]
+        pressing = np.concatenate((polished.lam_x, polished.lam_g))[own]
         objective = gradient[self.nx :, 0] @ way - pressing @ bounds[side]
         weights = np.zeros(bounds.shape[0])
         weights[side] = pressing
         # Total derivative of the gradient of the Lagrangian, its bounds included, along the solution.
-        curvature = hessian[self.nx :, self.nx :] - dense(self._system.curvature(sharp.p, weights))
+        curvature = hessian[self.nx :, self.nx :] - dense(self._system.curvature(polished.p, weights))
         second = way.T @ curvature @ way + cross.T @ x + distance.T @ multiplier
         multipliers, pressed = np.zeros((2, self.nx + self.ng, way.shape[1]))
         multipliers[own], pressed[own] = multiplier, bounds[side]
@@ -187,15 +189,15 @@ class ActiveSetMethod:
         lower, upper = np.vstack((x_lower, g_lower)), np.vstack((x_upper, g_upper))
         return Derivatives(objective, x, rows @ x + direct, multipliers, lower, upper, pressed, second)
 
-    def _sided(self, sharp: SharpSolution) -> ActiveSet:
+    def _sided(self, polished: PolishedSolution) -> ActiveSet:
         """Return the active set with what equal bounds fix at that of the two which its multiplier speaks for."""
-        lower, upper = self._system.sides(sharp.p)
-        active = np.concatenate((sharp.active.variables, sharp.active.rows))
-        multiplier = np.concatenate((sharp.lam_x, sharp.lam_g))
+        lower, upper = self._system.sides(polished.p)
+        active = np.concatenate((polished.active.variables, polished.active.rows))
+        multiplier = np.concatenate((polished.lam_x, polished.lam_g))
         active[(lower == upper) & (active != 0) & (multiplier < 0.0)] = -1
         return ActiveSet(active[: self.nx], active[self.nx :])
 
-    def margins(self, sharp: SharpSolution) -> tuple[FloatArray, FloatArray]:
+    def margins(self, polished: PolishedSolution) -> tuple[FloatArray, FloatArray]:
         """Slacks of the inactive bounds and signed multipliers of the active ones; negative means another active set.
 
         Returns
@@ -205,22 +207,22 @@ class ActiveSetMethod:
         pressures : ndarray, shape (variables + rows,)
             Multiplier in the direction in which the bound may press, infinite for inactive ones and equalities.
         """
-        lower, upper = self._system.sides(sharp.p)
-        value = np.concatenate((sharp.x, sharp.g))
-        active = np.concatenate((sharp.active.variables, sharp.active.rows))
-        multiplier = np.concatenate((sharp.lam_x, sharp.lam_g))
+        lower, upper = self._system.sides(polished.p)
+        value = np.concatenate((polished.x, polished.g))
+        active = np.concatenate((polished.active.variables, polished.active.rows))
+        multiplier = np.concatenate((polished.lam_x, polished.lam_g))
         slacks = np.where(active == 0, np.minimum(value - lower, upper - value), np.inf)
         pressures = np.where((active != 0) & (lower != upper), active * multiplier, np.inf)
         return slacks, pressures
 
     def pressing(
-        self, sharp: SharpSolution, directions: FloatArray, within: float
+        self, polished: PolishedSolution, directions: FloatArray, within: float
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, NDArray[np.bool_]]:
         """Collect all bounds that a solution sits at, whether or not they carry a multiplier.
 
         Parameters
         ----------
-        sharp
+        polished
             The solution.
         directions
             Of the parameters, shape (parameters, directions).
@@ -238,28 +240,28 @@ class ActiveSetMethod:
         held : ndarray, shape (bounds,)
             Which belong to the active set.
         """
-        lower, upper = self._system.sides(sharp.p)
-        value = np.concatenate((sharp.x, sharp.g))
+        lower, upper = self._system.sides(polished.p)
+        value = np.concatenate((polished.x, polished.g))
         low, high = value - lower <= within, upper - value <= within
         side = np.where(low & high, 0, np.where(high, 1, -1))
         at = np.flatnonzero(low | high)
-        _, _, jacobian = (dense(v) for v in self._system.first(sharp.x, sharp.p, sharp.lam_g))
+        _, _, jacobian = (dense(v) for v in self._system.first(polished.x, polished.p, polished.lam_g))
         rows = np.vstack((np.eye(self.nx, self.nx + self.np_), jacobian))[at]
         pressed = np.where(low | high, np.where(side < 0, -1, 1), 0).astype(np.int8)
-        bounds = dense(self._system.bound_slopes(sharp.p))[
+        bounds = dense(self._system.bound_slopes(polished.p))[
             self._system.own_rows(ActiveSet(pressed[: self.nx], pressed[self.nx :]))[1]
         ]
-        multipliers = np.concatenate((sharp.lam_x, sharp.lam_g))[at]
-        held = np.concatenate((sharp.active.variables, sharp.active.rows))[at] != 0
+        multipliers = np.concatenate((polished.lam_x, polished.lam_g))[at]
+        held = np.concatenate((polished.active.variables, polished.active.rows))[at] != 0
         slopes = (rows[:, self.nx :] - bounds) @ directions
         return rows[:, : self.nx], slopes, multipliers, side[at].astype(float), held
 
-    def combinations(self, sharp: SharpSolution, gradients: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def combinations(self, polished: PolishedSolution, gradients: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Write gradients as combinations of those of the active bounds, as far as they can be.
 
         Parameters
         ----------
-        sharp
+        polished
             The solution.
         gradients
             Shape (variables, gradients).
@@ -271,7 +273,7 @@ class ActiveSetMethod:
         shares : ndarray, shape (active bounds, gradients)
             Of each active bound.
         """
-        own, _ = self._system.own_rows(sharp.active)
-        _, _, _, hessian, rows = self._system.newton(sharp.x, sharp.p, sharp.lam_g)
+        own, _ = self._system.own_rows(polished.active)
+        _, _, _, hessian, rows = self._system.newton(polished.x, polished.p, polished.lam_g)
         right = np.vstack((gradients, np.zeros((own.size, gradients.shape[1]))))
         return tuple(np.split(self._system.solve(hessian, rows, own, right), [self.nx]))  # type: ignore[return-value]

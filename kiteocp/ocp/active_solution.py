@@ -1,4 +1,4 @@
-"""What is known of a solution on its active set: the set, the sharpened numbers, and their derivatives."""
+"""What is known of a solution on its active set: the set, the polished numbers, and their derivatives."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ class ActiveSetError(Exception):
 
 @dataclass(frozen=True)
 class ActiveSet:
-    """Which bounds press: -1 lower, +1 upper, 0 none, for each variable and row; equalities count as 1.
+    """Which bounds are active: -1 lower, +1 upper, 0 none, for each variable and row; equalities count as 1.
 
     Attributes
     ----------
     variables, rows
         Shape (variables,) and (rows,).
     weak
-        Labels of bounds of which it is not clear whether they press.
+        Labels of bounds of which it is not clear whether they are active.
     """
 
     variables: NDArray[np.int8]
@@ -32,12 +32,12 @@ class ActiveSet:
     weak: tuple[Label, ...] = ()
 
     def same(self, other: ActiveSet) -> bool:
-        """Whether the same bounds press."""
+        """Whether the same bounds are active."""
         return bool(np.array_equal(self.variables, other.variables) and np.array_equal(self.rows, other.rows))
 
 
 @dataclass(frozen=True)
-class SharpSolution:
+class PolishedSolution:
     """A solution of the first-order conditions on an active set, to rounding.
 
     Attributes

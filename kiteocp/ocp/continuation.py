@@ -1,4 +1,4 @@
-"""Following a sharpened solution along a direction of the parameters until its active set changes.
+"""Following a polished solution along a direction of the parameters until its active set changes.
 
 The derivatives of slacks and multipliers say to first order where the next bound comes into play or lets go; Newton's
 method on the same active set confirms it, and secants enclose it. One-sided derivatives at the point itself come from
@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from kiteocp.ocp.active_set import ActiveSetMethod
-from kiteocp.ocp.active_solution import ActiveSetError, Derivatives, SharpSolution
+from kiteocp.ocp.active_solution import ActiveSetError, Derivatives, PolishedSolution
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.nlp import Label
 
@@ -51,13 +51,13 @@ class Reach:
 
 
 def follow(
-    method: ActiveSetMethod, sharp: SharpSolution, tangent: Derivatives, direction: FloatArray, farthest: float
+    method: ActiveSetMethod, polished: PolishedSolution, tangent: Derivatives, direction: FloatArray, farthest: float
 ) -> Reach:
     """Follow a solution along a direction of the parameters until its active set changes.
 
     Parameters
     ----------
-    method, sharp
+    method, polished
         The method, and the solution to start from.
     tangent
         Derivatives of the solution along the direction, one column.
@@ -67,21 +67,21 @@ def follow(
         Multiple of the direction, of either sign, to go to at most; infinite where `tangent` says that nothing but
         bounds moves.
     """
-    start = np.minimum(*method.margins(sharp))
+    start = np.minimum(*method.margins(polished))
     labels = (*method.program.variables, *method.program.rows)
     sign = float(np.sign(farthest))
-    rate = _rates(sharp, tangent) * sign
+    rate = _rates(polished, tangent) * sign
     at_once = (start < AT_A_CHANGE) & (rate * min(abs(farthest), 1e9) < -AT_A_CHANGE)
     if at_once.any():
         return Reach(0.0, labels[int(np.argmin(np.where(at_once, rate, np.inf)))])
     if not np.isfinite(farthest):
         return _straight(start, rate, sign, labels)
-    good, base, here, bad = 0.0, sharp, start, farthest
+    good, base, here, bad = 0.0, polished, start, farthest
     missed: FloatArray | None = None
     trial = _ratio(here, rate, good, sign, farthest)
     ended_by: Label | None = None
     for _ in range(TRIALS):
-        found = _moved(method, base, tangent, trial - good, sharp.p + trial * direction)
+        found = _moved(method, base, tangent, trial - good, polished.p + trial * direction)
         if found is None:
             bad, missed = trial, None
             trial = 0.5 * (good + bad)
@@ -107,14 +107,14 @@ def follow(
     return Reach(good, ended_by)
 
 
-def _rates(sharp: SharpSolution, tangent: Derivatives) -> FloatArray:
+def _rates(polished: PolishedSolution, tangent: Derivatives) -> FloatArray:
     """Change of slacks and pressures (as in `ActiveSetMethod.margins`) along the direction of a tangent."""
-    active = np.concatenate((sharp.active.variables, sharp.active.rows))
+    active = np.concatenate((polished.active.variables, polished.active.rows))
     value, lower, upper, multiplier = (
         part[:, 0] for part in (tangent.values, tangent.lower, tangent.upper, tangent.multipliers)
     )
     return np.asarray(
-        np.where(active == 0, np.where(sharp.nearer_lower, value - lower, upper - value), active * multiplier)
+        np.where(active == 0, np.where(polished.nearer_lower, value - lower, upper - value), active * multiplier)
     )
 
 
@@ -147,8 +147,8 @@ def _secant(good: float, bad: float, here: FloatArray, missed: FloatArray) -> fl
 
 
 def _moved(
-    method: ActiveSetMethod, base: SharpSolution, tangent: Derivatives, step: float, p: FloatArray
-) -> SharpSolution | None:
+    method: ActiveSetMethod, base: PolishedSolution, tangent: Derivatives, step: float, p: FloatArray
+) -> PolishedSolution | None:
     """Solution at other parameters on the same active set, or None where Newton's method finds none."""
     multipliers = tangent.multipliers[:, 0] * step
     predicted = replace(
@@ -158,19 +158,19 @@ def _moved(
         lam_g=base.lam_g + multipliers[method.nx :],
     )
     try:
-        return method.sharpen(predicted, base.active, p)
+        return method.polish(predicted, base.active, p)
     except (ActiveSetError, ValueError):
         return None
 
 
 def one_sided(
-    method: ActiveSetMethod, sharp: SharpSolution, derivatives: Derivatives, directions: FloatArray
+    method: ActiveSetMethod, polished: PolishedSolution, derivatives: Derivatives, directions: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Differentiate the optimal objective to either side, where several multipliers satisfy the same conditions.
 
     Parameters
     ----------
-    method, sharp, derivatives
+    method, polished, derivatives
         The solution and its derivatives along the directions.
     directions
         Shape (parameters, directions).
@@ -182,11 +182,11 @@ def one_sided(
         no solution exists on that side.
     """
     below, above = derivatives.objective.copy(), derivatives.objective.copy()
-    gradients, slopes, given, signs, held = method.pressing(sharp, directions, AT_A_CHANGE)
+    gradients, slopes, given, signs, held = method.pressing(polished, directions, AT_A_CHANGE)
     if held.all():
         return below, above
     size = np.maximum(np.linalg.norm(gradients[~held], axis=1), 1e-12)
-    rest, shares = method.combinations(sharp, gradients[~held].T / size)
+    rest, shares = method.combinations(polished, gradients[~held].T / size)
     _, values, rows = np.linalg.svd(rest)
     alone = rows[int(np.sum(values > DEPENDENT)) :].T
     # Combinations of multipliers that change nothing in the gradient of the Lagrangian.

@@ -1,14 +1,14 @@
 """The elastic version of a nonlinear program: its parameters may move, at a price.
 
 Where a program has no feasible point, the cheapest move of its parameters that gives it one says what is wrong. A
-`Relief` is one slack s >= 0 that moves some parameters, p + s * amount; whatever depends on them, bounds of variables
-and of rows as well as the rows themselves, follows. With positive weights w the elastic program is::
+`ElasticSlack` is one slack s >= 0 that moves some parameters, p + s * amount; whatever depends on them, bounds of
+variables and of rows as well as the rows themselves, follows. With positive weights w the elastic program is::
 
     minimise w' s + 1e-3 s' s    subject to the program's rows and bounds at the moved parameters, 0 <= s <= cap
 
-which is feasible as soon as the reliefs reach far enough, and zero exactly where the program itself is feasible
+which is feasible as soon as the slacks reach far enough, and zero exactly where the program itself is feasible
 (Chinneck 2008, Feasibility and Infeasibility in Optimization). Amounts, weights and caps are numbers, so that one
-build serves every question asked of one structure. To ask what some reliefs can do alone, give the others a large
+build serves every question asked of one structure. To ask what some slacks can do alone, give the others a large
 weight rather than hold them: the program then stays feasible, which IPOPT finds easy, and if they vanish from the
 optimum they were not needed.
 """
@@ -27,7 +27,7 @@ from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.nlp import Label, NonlinearProgram
 from kiteocp.ocp.nlpsolver import Solution, Solver
 
-#: Price of the square of a slack, beside 1 for the slack: makes the optimum of several equal ones unique.
+#: PenaltyWeight of the square of a slack, beside 1 for the slack: makes the optimum of several equal ones unique.
 SQUARE_WEIGHT = 1e-3
 
 #: Where every slack starts: inside its bounds, and enough to leave the crude starts some room.
@@ -41,7 +41,7 @@ ELASTIC_IPOPT_OPTIONS: Mapping[str, Any] = {"tol": 1e-6, "max_iter": 200}
 
 
 @dataclass(frozen=True)
-class Relief:
+class ElasticSlack:
     """One slack and the parameters it moves.
 
     Attributes
@@ -57,8 +57,8 @@ class Relief:
 
 
 @dataclass(frozen=True)
-class Price:
-    """What a relief costs and how far it goes.
+class PenaltyWeight:
+    """What a term costs and how far it goes.
 
     Attributes
     ----------
@@ -67,7 +67,7 @@ class Price:
     cap
         Largest slack; zero holds the parameters. The bounds of variables must widen all the way to it.
     weight
-        Price of a slack of one.
+        PenaltyWeight of a slack of one.
     """
 
     amount: ArrayLike
@@ -88,7 +88,7 @@ class ElasticSolution:
     p
         Moved parameters, shape (parameters,).
     slacks
-        Of every relief.
+        Of every term.
     """
 
     solution: Solution
@@ -109,14 +109,14 @@ class ElasticProgram:
     ----------
     program
         The program as it is.
-    reliefs
+    terms
         What may move. Those that no row and no bound depends on are left out.
     options
         IPOPT options that replace or extend `ELASTIC_IPOPT_OPTIONS`.
 
     Attributes
     ----------
-    reliefs
+    terms
         Those that bear on feasibility.
     rows
         Label of every row of the elastic program; a bound that moves is a row of its own, with the label of the
@@ -124,16 +124,16 @@ class ElasticProgram:
     """
 
     def __init__(
-        self, program: NonlinearProgram, reliefs: Sequence[Relief], options: Mapping[str, Any] | None = None
+        self, program: NonlinearProgram, terms: Sequence[ElasticSlack], options: Mapping[str, Any] | None = None
     ) -> None:
         self.program = program
-        self.reliefs = tuple(relief for relief in reliefs if _bears(program, relief))
-        count, moved_count = len(self.reliefs), sum(len(relief.parameters) for relief in self.reliefs)
+        self.terms = tuple(term for term in terms if _affects_feasibility(program, term))
+        count, moved_count = len(self.terms), sum(len(term.parameters) for term in self.terms)
         slacks, amounts = ca.SX.sym("slack", count), ca.SX.sym("amount", moved_count)
         weights, caps = ca.SX.sym("weight", count), ca.SX.sym("cap", count)
         moved, used = ca.SX(program.p), 0
-        for index, relief in enumerate(self.reliefs):
-            for parameter in relief.parameters:
+        for index, term in enumerate(self.terms):
+            for parameter in term.parameters:
                 moved[parameter] += slacks[index] * amounts[used]
                 used += 1
         rows, (lbg, ubg), self._origins = _relieved(program, moved, slacks)
@@ -141,7 +141,7 @@ class ElasticProgram:
         share = ca.SX.sym("share")
         (objective,) = ca.Function("objective", [program.x, program.p], [program.f]).call([program.x, moved])
         parameters = ca.vertcat(program.p, amounts, weights, caps, share)
-        # A variable keeps the bounds that hold at the ends of all reliefs, lest it leave the domain of the model.
+        # A variable keeps the bounds that hold at the ends of all slacks, lest it leave the domain of the model.
         lbx, ubx = ca.substitute(list(program.bounds(moved))[:2], [slacks], [caps])
         limits = [ca.vertcat(lbx, ca.SX.zeros(count)), ca.vertcat(ubx, caps), lbg, ubg]
         elastic = replace(
@@ -151,7 +151,7 @@ class ElasticProgram:
             f=share * objective + ca.dot(weights, slacks) + SQUARE_WEIGHT * ca.sumsqr(slacks),
             g=rows,
             bounds=ca.Function("bounds", [parameters], limits, ["p"], ["lbx", "ubx", "lbg", "ubg"]),
-            variables=(*program.variables, *(Label("slack", relief.name) for relief in self.reliefs)),
+            variables=(*program.variables, *(Label("slack", term.name) for term in self.terms)),
             rows=self.rows,
         )
         self.solver = Solver(elastic, {**ELASTIC_IPOPT_OPTIONS, **(options or {})})
@@ -163,7 +163,7 @@ class ElasticProgram:
         self,
         x0: ArrayLike,
         p: ArrayLike,
-        prices: Mapping[str, Price],
+        penalties: Mapping[str, PenaltyWeight],
         objective_share: float = 0.0,
         slacks: Mapping[str, float] | None = None,
     ) -> ElasticSolution:
@@ -175,8 +175,8 @@ class ElasticProgram:
             Start of the program itself, shape (variables,).
         p
             Parameters of the program, shape (parameters,).
-        prices
-            Of the reliefs that may be used; the others are held.
+        penalties
+            Of the terms that may be used; the others are held.
         objective_share
             Share of the program's own objective. With 1 and large weights this is the program itself by an exact
             penalty method, which finds optima of feasible sets that are too thin for an interior point method.
@@ -188,18 +188,18 @@ class ElasticProgram:
         ElasticSolution
             Also when the solver failed; look at `success`.
         """
-        held = {relief.name: Price(np.zeros(len(relief.parameters)), 0.0) for relief in self.reliefs}
-        chosen = [prices.get(relief.name, held[relief.name]) for relief in self.reliefs]
+        held = {term.name: PenaltyWeight(np.zeros(len(term.parameters)), 0.0) for term in self.terms}
+        chosen = [penalties.get(term.name, held[term.name]) for term in self.terms]
         amounts = [np.atleast_1d(np.asarray(price.amount, dtype=float)) for price in chosen]
         caps = np.array([price.cap for price in chosen])
         weights = np.array([price.weight for price in chosen])
         parameters = np.concatenate([np.asarray(p, dtype=float), *amounts, weights, caps, [objective_share]])
-        wanted = np.array([(slacks or {}).get(relief.name, SLACK_START) for relief in self.reliefs])
+        wanted = np.array([(slacks or {}).get(term.name, SLACK_START) for term in self.terms])
         start = np.concatenate([np.asarray(x0, dtype=float), np.minimum(wanted, 0.5 * caps)])
         solution = self.solver.solve(start, parameters)
         split = len(self.program.variables)
         moves = solution.x[split:]
-        names = [relief.name for relief in self.reliefs]
+        names = [term.name for term in self.terms]
         return ElasticSolution(
             solution,
             solution.x[:split],
@@ -232,23 +232,23 @@ class ElasticProgram:
         )
 
     def savings(self, found: ElasticSolution, name: str) -> FloatArray:
-        """Return what a little more of a relief would save through each row, from the multipliers.
+        """Return what a little more of a slack would save through each row, from the multipliers.
 
-        The rows through which a relief acts are where its limit bites. Over all rows a relief in use saves its
+        The rows through which a slack acts are where its limit bites. Over all rows a slack in use saves its
         weight; one that has no part in the conflict saves nothing.
 
         Returns
         -------
         ndarray, shape (rows,)
         """
-        index = [relief.name for relief in self.reliefs].index(name)
+        index = [term.name for term in self.terms].index(name)
         effect = np.asarray(self._effect(found.solution.x, found.solution.p).full()[:, index], dtype=np.float64)
         return np.asarray(-found.solution.lam_g * effect, dtype=np.float64)
 
 
-def _bears(program: NonlinearProgram, relief: Relief) -> bool:
-    """Whether any row or bound depends on the parameters of a relief."""
-    symbols = program.p[list(relief.parameters)]
+def _affects_feasibility(program: NonlinearProgram, term: ElasticSlack) -> bool:
+    """Whether any row or bound depends on the parameters of a term."""
+    symbols = program.p[list(term.parameters)]
     return bool(ca.depends_on(ca.veccat(program.g, *program.bounds(program.p)), symbols))
 
 

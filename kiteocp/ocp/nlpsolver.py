@@ -59,7 +59,7 @@ NEAR_IPOPT_OPTIONS: Mapping[str, Any] = {
 """What changes when the start is near the solution but without multipliers: it is not pushed away from its bounds."""
 
 DECIDING_IPOPT_OPTIONS: Mapping[str, Any] = {"tol": 1e-12, "mu_min": 1e-15, "compl_inf_tol": 1e-12}
-"""What changes, beside a warm start, to tell bounds that press from those that do not.
+"""What changes, beside a warm start, to tell active bounds from those that do not.
 
 The barrier leaves slack times multiplier at some 1e-11. Where the optimum is so flat that multipliers are 1e-6, the
 slack is as large, and nobody can tell. With a product of 1e-15 one of the two is large.
@@ -228,7 +228,7 @@ class Solver:
         near
             The start is close to a solution, as one on another mesh is: stay there.
         deciding
-            With `warm`: go on until it is clear which bounds press (`DECIDING_IPOPT_OPTIONS`).
+            With `warm`: go on until it is clear which bounds are active (`DECIDING_IPOPT_OPTIONS`).
 
         Returns
         -------

@@ -18,7 +18,7 @@ from kiteocp.ocp.elastic import ElasticSolution
 from kiteocp.ocp.trajectory import Trajectory
 from kiteocp.optimum.conflict import Conflict, Infeasibility, sentence_of
 from kiteocp.optimum.program import Formulation
-from kiteocp.optimum.relaxations import HEAVY, WIND_DOWN, WIND_UP, elastic_program, loosening, price_of, unit_of
+from kiteocp.optimum.relaxations import HEAVY, WIND_DOWN, WIND_UP, elastic_program, loosening, penalty_of, unit_of
 from kiteocp.optimum.starts import STARTS, Start, guess_of, rescue_starts
 from kiteocp.physics.parameters import ParameterValues
 from kiteocp.physics.wind import in_wind, wind_keys
@@ -65,7 +65,7 @@ def explain(values: ParameterValues, formulation: Formulation) -> Infeasibility:
 
 @dataclass
 class _Repair:
-    """The cheapest relaxation found with some reliefs, and whether these alone sufficed."""
+    """The cheapest relaxation found with some terms, and whether these alone sufficed."""
 
     found: ElasticSolution
     complete: bool
@@ -79,7 +79,7 @@ class _Search:
         intervals = INTERVALS[: len(formulation.phases)]
         coarse = replace(formulation, equilibrium="implicit", intervals=intervals, degree=DEGREE)
         self.elastic = elastic_program(values.structure, coarse)
-        self.limits = [r.name for r in self.elastic.reliefs if r.name not in (WIND_UP, WIND_DOWN)]
+        self.limits = [r.name for r in self.elastic.terms if r.name not in (WIND_UP, WIND_DOWN)]
         self.starts = 0
 
     def answer(self) -> Infeasibility:
@@ -137,9 +137,9 @@ class _Search:
 
     def from_more_wind(self, start: Start) -> _Repair | None:
         """Relax all limits together from a cycle in as many times the wind as one needs; None where none is found."""
-        prices = {relief.name: price_of(relief, self.values, 1.0) for relief in self.elastic.reliefs}
+        penalties = {term.name: penalty_of(term, self.values, 1.0) for term in self.elastic.terms}
         for factor in WIND_FACTORS:
-            found = self.elastic.solve(self.packed(start), in_wind(self.values, factor).vector, prices)
+            found = self.elastic.solve(self.packed(start), in_wind(self.values, factor).vector, penalties)
             if found.success:
                 more = factor * (1 + found.slacks.get(WIND_UP, 0.0)) - 1
                 return self.repair(self.limits, found.x, slacks={**found.slacks, WIND_UP: more})
@@ -152,14 +152,14 @@ class _Search:
         weights: Sequence[float] = HEAVY,
         slacks: Mapping[str, float] | None = None,
     ) -> _Repair | None:
-        """Relax some reliefs as little as possible, the others only if these do not suffice; None if IPOPT failed."""
+        """Relax some limits as little as possible, the others only if these do not suffice; None if IPOPT failed."""
         repair = None
         for heavy in weights:
-            prices = {
-                relief.name: price_of(relief, self.values, 1.0 if relief.name in allowed else heavy)
-                for relief in self.elastic.reliefs
+            penalties = {
+                term.name: penalty_of(term, self.values, 1.0 if term.name in allowed else heavy)
+                for term in self.elastic.terms
             }
-            found = self.elastic.solve(x0, self.values.vector, prices, slacks=slacks)
+            found = self.elastic.solve(x0, self.values.vector, penalties, slacks=slacks)
             if found.success:
                 rest = sum(slack for name, slack in found.slacks.items() if name not in allowed)
                 repair = _Repair(found, rest < NOTHING)
@@ -171,7 +171,7 @@ class _Search:
     def suffices(
         self, allowed: Collection[str], near: ElasticSolution, *, thorough: bool = True
     ) -> ElasticSolution | None:
-        """Relaxation of these reliefs that makes a cycle possible, sought near another and, thoroughly, from afar."""
+        """Relaxation of these limits that makes a cycle possible, sought near another and, thoroughly, from afar."""
         # Far from the default start of the slacks only the wind can be, in a calm: keep to it.
         slacks = near.slacks if near.slacks.get(WIND_UP, 0.0) > 1.0 else None
         repair = self.repair(allowed, near.x, HEAVY[1:], slacks)

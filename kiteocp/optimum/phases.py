@@ -21,7 +21,7 @@ from kiteocp.ocp.declaration import (
     Variable,
 )
 from kiteocp.physics.equilibrium import inflow_angle_at_force, outputs_of
-from kiteocp.physics.model import FlightState, Model, Position, Surroundings
+from kiteocp.physics.model import FlightState, LocalConditions, Model, Position
 
 if TYPE_CHECKING:
     from kiteocp.optimum.program import Formulation
@@ -157,7 +157,7 @@ class PhaseBuilder:
         residuals = [Residual("equilibrium", state.residual)] if self.implicit else []
         return PointExpressions(derivatives, residuals, constraints, outputs)
 
-    def equilibrium(self, point: Point, model: Model, position: Position, around: Surroundings) -> FlightState:
+    def equilibrium(self, point: Point, model: Model, position: Position, around: LocalConditions) -> FlightState:
         """State at the force of a point, its inflow angle an unknown of the program or in closed form."""
         force = point["radial_ground_force"]
         if self.implicit:

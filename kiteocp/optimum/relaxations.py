@@ -6,7 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from kiteocp.ocp.elastic import ElasticProgram, Price, Relief
+from kiteocp.ocp.elastic import ElasticProgram, ElasticSlack, PenaltyWeight
 from kiteocp.ocp.nlpsolver import Solution
 from kiteocp.ocp.trajectory import Trajectory
 from kiteocp.optimum.program import Formulation, cycle_program
@@ -30,10 +30,10 @@ WIND_CAP_UP = 99.0
 @lru_cache(maxsize=16)
 def elastic_program(structure: Structure, formulation: Formulation) -> ElasticProgram:
     """Build (once) the elastic program of a structure: every limit and the wind speed may move."""
-    limits = [Relief(key, (i,)) for i, key in enumerate(structure.keys) if key in limit_keys()]
+    limits = [ElasticSlack(key, (i,)) for i, key in enumerate(structure.keys) if key in limit_keys()]
     wind = tuple(structure.keys.index(key) for key in wind_keys(structure))
     return ElasticProgram(
-        cycle_program(structure, formulation), [*limits, Relief(WIND_UP, wind), Relief(WIND_DOWN, wind)]
+        cycle_program(structure, formulation), [*limits, ElasticSlack(WIND_UP, wind), ElasticSlack(WIND_DOWN, wind)]
     )
 
 
@@ -51,14 +51,14 @@ def farthest(key: str, value: float) -> float:
     return min(CAP_UP, highest / value - 1) if value > 0 else CAP_UP
 
 
-def price_of(relief: Relief, values: ParameterValues, weight: float) -> Price:
-    """Weight, direction and reach of a relief; a slack is relative to the number that it moves."""
-    numbers = values.vector[list(relief.parameters)]
-    if relief.name in (WIND_UP, WIND_DOWN):
-        up = relief.name == WIND_UP
-        return Price(numbers if up else -numbers, WIND_CAP_UP if up else CAP_DOWN, weight)
+def penalty_of(term: ElasticSlack, values: ParameterValues, weight: float) -> PenaltyWeight:
+    """Weight, direction and reach of a term; a slack is relative to the number that it moves."""
+    numbers = values.vector[list(term.parameters)]
+    if term.name in (WIND_UP, WIND_DOWN):
+        up = term.name == WIND_UP
+        return PenaltyWeight(numbers if up else -numbers, WIND_CAP_UP if up else CAP_DOWN, weight)
     number = float(numbers[0])
-    return Price(loosening(relief.name) * unit_of(number), farthest(relief.name, number), weight)
+    return PenaltyWeight(loosening(term.name) * unit_of(number), farthest(term.name, number), weight)
 
 
 def unit_of(value: float) -> float:
@@ -88,8 +88,8 @@ def penalised_optimum(values: ParameterValues, formulation: Formulation, start: 
     x0 = elastic.program.pack(start)
     # First without the objective: a start of another mesh may be out of reach of an optimum without slacks.
     for share, heavy in ((0.0, 1.0), *((1.0, heavy) for heavy in HEAVY)):
-        prices = {relief.name: price_of(relief, values, heavy) for relief in elastic.reliefs}
-        found = elastic.solve(x0, values.vector, prices, share)
+        penalties = {term.name: penalty_of(term, values, heavy) for term in elastic.terms}
+        found = elastic.solve(x0, values.vector, penalties, share)
         solution = elastic.optimum(found)
         if solution.success and share:
             return solution

@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 
 from kiteocp.physics.kinematics import Course, radians
-from kiteocp.physics.model import Coefficients, FlightState, Model, Position, Surroundings
+from kiteocp.physics.model import Coefficients, FlightState, LocalConditions, Model, Position
 from kiteocp.physics.parameters import Structure, parameters_of
 
 #: Newton steps of `radial_ground_force_flying_down`: they converge monotonically and from there quadratically; six
@@ -39,7 +39,7 @@ class ExplicitEquilibrium:
 
 
 def inflow_angle_at_force(
-    model: Model, position: Position, around: Surroundings, radial_ground_force: Any
+    model: Model, position: Position, around: LocalConditions, radial_ground_force: Any
 ) -> ExplicitEquilibrium:
     """Solve the equilibrium of a given radial ground force without iteration.
 
@@ -71,7 +71,7 @@ def inflow_angle_at_force(
     )
 
 
-def explicit_state(model: Model, position: Position, around: Surroundings, radial_ground_force: Any) -> FlightState:
+def explicit_state(model: Model, position: Position, around: LocalConditions, radial_ground_force: Any) -> FlightState:
     """Flight state of a given radial ground force by the closed form; not a number where there is none."""
     solution = inflow_angle_at_force(model, position, around, radial_ground_force)
     # 0/0 outside the domain: a kite that would fall back through the air must not pass for a state.
@@ -80,7 +80,7 @@ def explicit_state(model: Model, position: Position, around: Surroundings, radia
     return model.state_at_force(position, around, radial_ground_force, angle)
 
 
-def radial_ground_force_flying_down(model: Model, around: Surroundings, reeling_speed: Any) -> Any:
+def radial_ground_force_flying_down(model: Model, around: LocalConditions, reeling_speed: Any) -> Any:
     """Radial ground force (N) of a kite flying straight down in the plane of the wind at a given reeling speed (m/s).
 
     Let delta be the angle of force and apparent wind, epsilon that of the force to the tether, W the weight across it
@@ -104,7 +104,7 @@ def radial_ground_force_flying_down(model: Model, around: Surroundings, reeling_
     return ca.if_else(around.wind.radial > reeling_speed, radial, -np.inf)
 
 
-def weight_share_flying_up(model: Model, around: Surroundings, radial_wind: Any, share_of_angle: Any) -> Any:
+def weight_share_flying_up(model: Model, around: LocalConditions, radial_wind: Any, share_of_angle: Any) -> Any:
     """Share of the weight across the tether that a kite flying straight up carries, its tether pulling at the ground.
 
     With delta the angle of force and apparent wind and epsilon that of the force to the tether, the apparent wind is
@@ -116,7 +116,7 @@ def weight_share_flying_up(model: Model, around: Surroundings, radial_wind: Any,
     Parameters
     ----------
     model, around
-        The model, and its surroundings on a course straight up in the plane of the wind.
+        The model, and its local conditions on a course straight up in the plane of the wind.
     radial_wind
         Wind along the tether less the reeling speed, m/s; at least zero.
     share_of_angle
@@ -129,7 +129,7 @@ def weight_share_flying_up(model: Model, around: Surroundings, radial_wind: Any,
 
 
 def paper_iteration(
-    model: Model, position: Position, around: Surroundings, reeling_factor: Any, iterations: int = 200
+    model: Model, position: Position, around: LocalConditions, reeling_factor: Any, iterations: int = 200
 ) -> Any:
     """Kinematic ratio by the paper's fixed-point iteration (eq:kappa_iteration); a cross-check, not the solver."""
     target = around.lift_coefficient / around.drag_coefficient
@@ -155,7 +155,7 @@ class EquilibriumFunctions:
     state: ca.Function
 
 
-#: Outputs of `EquilibriumFunctions.state`, attributes of `FlightState` or of its surroundings.
+#: Outputs of `EquilibriumFunctions.state`, attributes of `FlightState` or of its local conditions.
 OUTPUTS = (
     "height",
     "wind_speed",
@@ -189,7 +189,7 @@ OUTPUTS = (
 def outputs_of(state: FlightState) -> dict[str, Any]:
     """Return the quantities of `OUTPUTS` by name."""
     return {
-        name: getattr(state, name) if hasattr(state, name) else getattr(state.surroundings, name) for name in OUTPUTS
+        name: getattr(state, name) if hasattr(state, name) else getattr(state.conditions, name) for name in OUTPUTS
     }
 
 
@@ -214,7 +214,7 @@ def equilibrium_functions(structure: Structure, control: str) -> EquilibriumFunc
     straight = ca.fmod(ca.fabs(course), 180) == 0
     heading = Course(ca.cos(radians(course)), ca.if_else(straight, 0.0, ca.sin(radians(course))))
     position = Position(length, radians(elevation), radians(azimuth), heading)
-    around = model.surroundings(position, Coefficients(lift, kite_drag))
+    around = model.conditions(position, Coefficients(lift, kite_drag))
     if control in ("reeling_speed", "reeling_factor"):
         speed = value * around.wind_speed if control == "reeling_factor" else value
         state = model.state_at_reeling_speed(position, around, speed, angle)

@@ -42,7 +42,7 @@ SCAN_POINTS = 200
 
 
 @dataclass(frozen=True)
-class Place:
+class OperatingPoint:
     """A place, a course and a setting of the kite, in the units of the problem file.
 
     Attributes
@@ -134,7 +134,7 @@ def flight_state(
             f"tether_force_ground_N; {len(given)} were given."
         )
     kite = problem.kite.powered if setting == "powered" else problem.kite.depowered
-    place = Place(
+    place = OperatingPoint(
         tether_length_m,
         elevation_deg,
         azimuth_deg,
@@ -153,7 +153,7 @@ def _named(quantity: str) -> str:
     return f"{quantity}_{unit}" if unit else quantity
 
 
-def solve_state(values: ParameterValues, place: Place, control: str, value: float) -> dict[str, float]:
+def solve_state(values: ParameterValues, place: OperatingPoint, control: str, value: float) -> dict[str, float]:
     """Solve one state; `flight_state` without the problem file around it.
 
     Raises
@@ -216,7 +216,7 @@ def _bisect(residual: Callable[[float], float], low: float, high: float) -> floa
 
 
 def _domain(
-    functions: EquilibriumFunctions, arguments: np.ndarray, control: str, place: Place, facts: dict[str, Any]
+    functions: EquilibriumFunctions, arguments: np.ndarray, control: str, place: OperatingPoint, facts: dict[str, Any]
 ) -> tuple[float, float]:
     """Bounds of the inflow angle within which all roots of the state are real."""
     probe = {name: float(v) for name, v in functions.state(angle=0.5, arguments=arguments).items()}
@@ -256,13 +256,13 @@ def _domain(
     return float(np.arcsin(crosswind / probe["apparent_wind_speed"])) + 1e-9, np.pi / 2 - 1e-9
 
 
-def _slack(place: Place, facts: dict[str, Any], condition: str) -> NoEquilibriumError:
+def _slack(place: OperatingPoint, facts: dict[str, Any], condition: str) -> NoEquilibriumError:
     return NoEquilibriumError(
         f"{_where(place)}: {condition} the tether is slack at the ground", facts=facts, reason="slack"
     )
 
 
-def _no_root(residuals: np.ndarray, place: Place, facts: dict[str, Any]) -> NoEquilibriumError:
+def _no_root(residuals: np.ndarray, place: OperatingPoint, facts: dict[str, Any]) -> NoEquilibriumError:
     if residuals.size and residuals[-1] > 0:
         return NoEquilibriumError(
             f"{_where(place)}: gravity pulls the kite down faster than the air can carry it "
@@ -278,7 +278,7 @@ def _no_root(residuals: np.ndarray, place: Place, facts: dict[str, Any]) -> NoEq
     )
 
 
-def _where(place: Place) -> str:
+def _where(place: OperatingPoint) -> str:
     return (
         f"at {place.tether_length_m:.4g} m of tether, {place.elevation_deg:.3g} deg elevation, "
         f"{place.azimuth_deg:.3g} deg azimuth, course {place.course_deg:.4g} deg"

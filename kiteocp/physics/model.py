@@ -38,7 +38,7 @@ class Position:
 
 
 @dataclass(frozen=True)
-class Surroundings:
+class LocalConditions:
     """All of a flight state that does not depend on speed or force."""
 
     height: Any
@@ -69,7 +69,7 @@ class Surroundings:
 class FlightState:
     """A quasi-steady flight state, in SI units; ``residual`` is zero at equilibrium."""
 
-    surroundings: Surroundings
+    conditions: LocalConditions
     inflow_angle: Any
     radial_ground_force: Any
     reeling_speed: Any
@@ -91,17 +91,17 @@ class FlightState:
     @property
     def reeling_factor(self) -> Any:
         """Reeling speed over wind speed (eq:reeloutfactor)."""
-        return self.reeling_speed / self.surroundings.wind_speed
+        return self.reeling_speed / self.conditions.wind_speed
 
     @property
     def tangential_speed_factor(self) -> Any:
         """Tangential kite speed over wind speed, lambda (eq:lambda_definition)."""
-        return self.tangential_speed / self.surroundings.wind_speed
+        return self.tangential_speed / self.conditions.wind_speed
 
     @property
     def forward_airspeed_ratio(self) -> Any:
         """Airspeed along the course over wind speed: the root of the discriminant of lambda (eq:lambda_definition)."""
-        return (self.tangential_speed - self.surroundings.wind.along_course) / self.surroundings.wind_speed
+        return (self.tangential_speed - self.conditions.wind.along_course) / self.conditions.wind_speed
 
     @property
     def kite_speed(self) -> Any:
@@ -144,7 +144,7 @@ class Model:
             height, p["environment.air.density_sea_level_kg_m3"], p["environment.air.density_scale_height_m"]
         )
 
-    def surroundings(self, position: Position, coefficients: Coefficients) -> Surroundings:
+    def conditions(self, position: Position, coefficients: Coefficients) -> LocalConditions:
         """Wind, air, coefficients and weights at a position."""
         p = self.parameters
         gravity, diameter = p["environment.gravity_m_s2"], p["tether.diameter_m"]
@@ -160,7 +160,7 @@ class Model:
         mass = tether.tether_mass(position.tether_length, diameter, p["tether.density_kg_m3"])
         sag = tether.sag_force(mass, position.elevation, gravity)
         tether_weight_along = tether.weight_along(mass, position.elevation, gravity)
-        return Surroundings(
+        return LocalConditions(
             height=height,
             wind_speed=wind_speed,
             wind=kinematics.wind_components(wind_speed, position.elevation, position.azimuth, position.course),
@@ -176,7 +176,7 @@ class Model:
             weight_across=sag + p["kite.mass_kg"] * gravity * ca.cos(position.elevation),
         )
 
-    def aerodynamic_force(self, around: Surroundings, apparent_wind_speed: Any) -> Any:
+    def aerodynamic_force(self, around: LocalConditions, apparent_wind_speed: Any) -> Any:
         """Magnitude of the aerodynamic force at an apparent wind speed, N."""
         return aerodynamics.aerodynamic_force(
             around.air_density,
@@ -185,20 +185,20 @@ class Model:
             self.parameters["kite.projected_area_m2"],
         )
 
-    def apparent_wind_speed_of_force(self, around: Surroundings, force: Any) -> Any:
+    def apparent_wind_speed_of_force(self, around: LocalConditions, force: Any) -> Any:
         """Apparent wind speed at which the aerodynamic force has the given magnitude, m/s."""
         return aerodynamics.apparent_wind_speed_of_force(
             force, around.air_density, around.resultant_coefficient, self.parameters["kite.projected_area_m2"]
         )
 
-    def radial_ground_force(self, around: Surroundings, tether_force: Any, reference: str) -> Any:
+    def radial_ground_force(self, around: LocalConditions, tether_force: Any, reference: str) -> Any:
         """Radial ground force of a tether force given at the ``kite`` or at the ``ground``, N."""
         if reference == "ground":
             return tether.radial_force_of_ground_force(tether_force, around.sag)
         return tether.radial_force_of_kite_force(tether_force, around.sag, around.tether_weight_along)
 
     def state_at_force(
-        self, position: Position, around: Surroundings, radial_ground_force: Any, inflow_angle: Any
+        self, position: Position, around: LocalConditions, radial_ground_force: Any, inflow_angle: Any
     ) -> FlightState:
         """Flight state of a given radial ground force (N) and inflow angle (rad), the reeling speed following.
 
@@ -213,7 +213,7 @@ class Model:
         )
 
     def state_at_reeling_speed(
-        self, position: Position, around: Surroundings, reeling_speed: Any, inflow_angle: Any
+        self, position: Position, around: LocalConditions, reeling_speed: Any, inflow_angle: Any
     ) -> FlightState:
         """Flight state of a given reeling speed (m/s) and inflow angle (rad), the force following (eq:F_a_r)."""
         apparent_wind_speed = (around.wind.radial - reeling_speed) / ca.cos(inflow_angle)
@@ -227,7 +227,7 @@ class Model:
     def _state(
         self,
         position: Position,
-        around: Surroundings,
+        around: LocalConditions,
         radial_ground_force: Any,
         radial_force: Any,
         force: Any,
@@ -248,7 +248,7 @@ class Model:
         ground_force = tether.force_at_ground(radial_ground_force, around.sag)
         power, p = ground_force * reeling_speed, self.parameters
         return FlightState(
-            surroundings=around,
+            conditions=around,
             inflow_angle=inflow_angle,
             radial_ground_force=radial_ground_force,
             reeling_speed=reeling_speed,

@@ -52,7 +52,7 @@ def weightless_state(problem, elevation, azimuth, course):
 
 
 def eight_at(s, centre, width, height, sign):
-    """Place and course of a figure of eight, and its length on the unit sphere per unit of its parameter."""
+    """OperatingPoint and course of a figure of eight, and its length on the unit sphere per unit of its parameter."""
     azimuth, elevation = width * math.sin(s), centre + sign * height * math.sin(2.0 * s)
     side, up = math.cos(elevation) * width * math.cos(s), sign * 2.0 * height * math.cos(2.0 * s)
     return elevation, azimuth, math.atan2(side, -up), math.hypot(side, up)

@@ -28,7 +28,7 @@ from kiteocp.studies.prediction.optimum import LEFT_OUT, largest
 from kiteocp.studies.prediction.predictions import Prediction
 from kiteocp.studies.prediction.prescribed import fly_law
 from kiteocp.studies.prediction.reasons import delay
-from kiteocp.studies.prediction.replay import WinchLaw, path_of, replay, winch_law
+from kiteocp.studies.prediction.replay import FlownWinchLaw, path_of, replay, winch_law
 from kiteocp.studies.prediction.statements import statements
 from kiteocp.studies.prediction.study import FlightStudy, validate_flight
 from kiteocp.studies.prediction.summary import format_study, result_of
@@ -180,7 +180,7 @@ def test_standard_errors_are_those_of_repeated_flights() -> None:
 def test_a_winch_with_a_law_of_its_own() -> None:
     """A kite on a winch that lets out with force: state by state where the lines meet, and the law found again."""
     problem = true_result().problem
-    law = WinchLaw(14000.0, 1.5, 2e-4, 1.0)
+    law = FlownWinchLaw(14000.0, 1.5, 2e-4, 1.0)
     flight = made_flight(1)
     traction = flight.select(phase="traction")
     states = [

@@ -43,7 +43,7 @@ def flight_of(problem: Any) -> tuple[ca.Function, np.ndarray]:
     model = Model(parameters)
     length, elevation, azimuth, course, setting, force = (ca.SX.sym(n) for n in "rbacuf")
     position = Position(length, elevation, azimuth, Course.of_angle(course))
-    around = model.surroundings(position, model.coefficients(setting))
+    around = model.conditions(position, model.coefficients(setting))
     state = explicit_state(model, position, around, model.radial_ground_force(around, force, "ground"))
     inputs = [length, elevation, azimuth, course, setting, force, parameters.vector]
     return ca.Function("flight", inputs, [state.reeling_speed, state.tangential_speed, state.power]), values.vector

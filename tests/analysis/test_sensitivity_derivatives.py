@@ -36,7 +36,7 @@ def resolved_power(study: LocalStudy, key: str, value: float) -> float:
 def central_difference(study: LocalStudy, key: str, share: float = 1e-3) -> float:
     """Re-solved central difference, its step a share of the value, inside the interval where the active set holds."""
     column = study.keys.index(key)
-    value = study.sharp.p[column]
+    value = study.polished.p[column]
     room = [abs(study.reach(column, sign * 0.05 * abs(value)).step) for sign in (-1.0, 1.0)]
     step = min(share * abs(value), 0.5 * min(room))
     assert step > 0.0
@@ -47,7 +47,7 @@ def central_difference(study: LocalStudy, key: str, share: float = 1e-3) -> floa
 def assert_derivatives_match(study: LocalStudy, keys: list[str], share: float = 1e-3) -> None:
     for key in keys:
         derivative = study.gradient[study.keys.index(key)]
-        value = study.sharp.p[study.keys.index(key)]
+        value = study.polished.p[study.keys.index(key)]
         # 1e-4 of itself; powers are re-solved to some 1e-6 W, which a derivative by 0.1 % of a value turns into this.
         noise = 1e-5 / (share * abs(value))
         assert central_difference(study, key, share) == pytest.approx(derivative, rel=1e-4, abs=noise), key
@@ -116,12 +116,12 @@ def test_second_derivatives_and_the_schedule_against_neighbouring_optima() -> No
     study = study_of(problem)
     for key in ("kite.mass_kg", "limits.tether_force_max_N", "tether.drag_coefficient"):
         column = study.keys.index(key)
-        value, step = study.sharp.p[column], 1e-3 * study.sharp.p[column]
+        value, step = study.polished.p[column], 1e-3 * study.polished.p[column]
         low, high = (study_of(problem.with_values({key: value + sign * step})) for sign in (-1.0, 1.0))
         second = -1e4 * study.derivatives.objective_second[column, column]
         # Third derivatives over a step of 0.1 % leave some 1e-5.
         assert (high.gradient[column] - low.gradient[column]) / (2 * step) == pytest.approx(second, rel=1e-3)
-        change = (high.sharp.x - low.sharp.x) / (2 * step)
+        change = (high.polished.x - low.polished.x) / (2 * step)
         size = float(np.max(np.abs(change)))
         assert study.derivatives.x[:, column] == pytest.approx(change, rel=1e-3, abs=1e-4 * size)
 
@@ -134,9 +134,9 @@ def test_a_product_of_two_keys_in_a_bound_has_its_cross_derivative() -> None:
         study.keys.index(f"limits.{key}") for key in ("reeling_acceleration_max_m_s2", "phase_change_time_s")
     )
     assert study.gradient[first] > 0.0
-    step = 1e-4 * study.sharp.p[second]
+    step = 1e-4 * study.polished.p[second]
     low, high = (
-        study_of(problem.with_values({study.keys[second]: study.sharp.p[second] + sign * step})) for sign in (-1, 1)
+        study_of(problem.with_values({study.keys[second]: study.polished.p[second] + sign * step})) for sign in (-1, 1)
     )
     cross = (high.gradient[first] - low.gradient[first]) / (2 * step)
     assert -1e4 * study.derivatives.objective_second[first, second] == pytest.approx(cross, rel=1e-4)

@@ -28,12 +28,12 @@ def fastest_reel_out(study: LocalStudy) -> float:
 
 
 def changes(one: LocalStudy, other: LocalStudy) -> set[str]:
-    """Return the bounds that press in one optimum only.
+    """Return the active bounds in one optimum only.
 
     A tether length at the end of a phase is one at the start of the next too; which of the two presses says nothing.
     """
     program = one.method.program
-    sets = [np.concatenate((study.sharp.active.variables, study.sharp.active.rows)) for study in (one, other)]
+    sets = [np.concatenate((study.polished.active.variables, study.polished.active.rows)) for study in (one, other)]
     found = [(*program.variables, *program.rows)[index] for index in np.flatnonzero(sets[0] != sets[1])]
     return {str(label) for label in found if not (label.name == "tether_length" and label.fraction in {0.0, 1.0})}
 
@@ -43,9 +43,9 @@ def changes(one: LocalStudy, other: LocalStudy) -> set[str]:
 def test_borders_against_optima_solved_anew(key: str, sign: float) -> None:
     study = study_of(STRONG)
     column = study.keys.index(key)
-    reach = study.reach(column, sign * 0.5 * study.sharp.p[column])
+    reach = study.reach(column, sign * 0.5 * study.polished.p[column])
     assert reach.ended_by is not None
-    value = study.sharp.p[column]
+    value = study.polished.p[column]
     inside, outside = (study_of(STRONG.with_values({key: value + share * reach.step})) for share in (0.98, 1.02))
     assert changes(inside, study) == set()
     assert changes(outside, study) == {str(reach.ended_by)}
@@ -56,7 +56,7 @@ def test_an_inactive_limit_holds_until_the_optimum_meets_it() -> None:
     column = study.keys.index("limits.reel_out_speed_max_m_s")
     fastest = fastest_reel_out(study)
     reach = study.reach(column, -9.0)
-    assert study.sharp.p[column] + reach.step == pytest.approx(fastest, rel=1e-7)
+    assert study.polished.p[column] + reach.step == pytest.approx(fastest, rel=1e-7)
     assert np.isinf(study.reach(column, 1.0).step)
 
 
@@ -82,7 +82,7 @@ def test_a_kink_has_a_derivative_to_each_side() -> None:
     kinks = ("limits.generator_power_max_W", "limits.reel_out_speed_max_m_s", "limits.tether_force_max_N")
     for key in kinks:
         column = study.keys.index(key)
-        step = 1e-5 * study.sharp.p[column]
+        step = 1e-5 * study.polished.p[column]
         for side, sign in ((below, -1.0), (above, 1.0)):
             power = study.power_at(column, sign * step)
             assert power is not None

@@ -22,7 +22,7 @@ from kiteocp.optimum import search
 from kiteocp.optimum.program import Formulation
 from kiteocp.optimum.refine import Optimum, optimise
 from kiteocp.optimum.search import cycle_solver, solver_options
-from kiteocp.physics.model import Coefficients, FlightState, Model, Position, Surroundings
+from kiteocp.physics.model import Coefficients, FlightState, LocalConditions, Model, Position
 from kiteocp.physics.parameters import parameter_values
 
 
@@ -31,21 +31,21 @@ def failures(optimum: Optimum) -> set[str]:
 
 
 class WithoutTetherDrag(Model):
-    def surroundings(self, position: Position, coefficients: Coefficients) -> Surroundings:
-        around, kite_drag = super().surroundings(position, coefficients), coefficients.kite_drag
+    def conditions(self, position: Position, coefficients: Coefficients) -> LocalConditions:
+        around, kite_drag = super().conditions(position, coefficients), coefficients.kite_drag
         resultant = (coefficients.lift**2 + kite_drag**2) ** 0.5
         return replace(around, drag_coefficient=kite_drag, resultant_coefficient=resultant)
 
 
 class WeightUpwards(Model):
-    def surroundings(self, position: Position, coefficients: Coefficients) -> Surroundings:
-        around = super().surroundings(position, coefficients)
+    def conditions(self, position: Position, coefficients: Coefficients) -> LocalConditions:
+        around = super().conditions(position, coefficients)
         return replace(around, weight_along=-around.weight_along)
 
 
 class WithoutWeightAcross(Model):
-    def surroundings(self, position: Position, coefficients: Coefficients) -> Surroundings:
-        around = super().surroundings(position, coefficients)
+    def conditions(self, position: Position, coefficients: Coefficients) -> LocalConditions:
+        around = super().conditions(position, coefficients)
         return replace(around, weight_across=0.0 * around.weight_across)
 
 
@@ -57,7 +57,7 @@ class WindOnePercentStronger(Model):
 class LiftToDragOfTheResidualOff(Model):
     """An equilibrium that balances two per cent less drag than there is."""
 
-    def state_at_force(self, position: Position, around: Surroundings, force: Any, angle: Any) -> FlightState:
+    def state_at_force(self, position: Position, around: LocalConditions, force: Any, angle: Any) -> FlightState:
         state = super().state_at_force(position, around, force, angle)
         return replace(state, residual=state.residual + 0.02 * around.drag_coefficient / around.resultant_coefficient)
 
@@ -65,13 +65,13 @@ class LiftToDragOfTheResidualOff(Model):
 class PowerOfTheKite(Model):
     """The force at the kite times the speed of the tether: without what the weight of the tether takes."""
 
-    def state_at_force(self, position: Position, around: Surroundings, force: Any, angle: Any) -> FlightState:
+    def state_at_force(self, position: Position, around: LocalConditions, force: Any, angle: Any) -> FlightState:
         state = super().state_at_force(position, around, force, angle)
         return replace(state, power=state.tether_force_kite * state.reeling_speed)
 
 
 class ClimbsFaster(Model):
-    def state_at_force(self, position: Position, around: Surroundings, force: Any, angle: Any) -> FlightState:
+    def state_at_force(self, position: Position, around: LocalConditions, force: Any, angle: Any) -> FlightState:
         state = super().state_at_force(position, around, force, angle)
         return replace(state, tangential_speed=1.02 * state.tangential_speed)
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from kiteocp.ocp.declaration import OptimalControlProblem
-from kiteocp.ocp.elastic import SQUARE_WEIGHT, ElasticProgram, Price, Relief
+from kiteocp.ocp.elastic import SQUARE_WEIGHT, ElasticProgram, ElasticSlack, PenaltyWeight
 from kiteocp.ocp.nlp import Label, NonlinearProgram
 
 TOLERANCE = 1e-5
@@ -43,16 +43,18 @@ def budget() -> ElasticProgram:
     x, p = ca.SX.sym("x", 2), ca.SX.sym("p", 4)
     rows = [(x[0] + x[1], p[0], np.inf)]
     small = program(x, p, rows, ca.SX.zeros(2), p[1:3])
-    return ElasticProgram(small, [Relief(name, (i,)) for i, name in enumerate(("need", "first", "second", "idle"))])
+    return ElasticProgram(
+        small, [ElasticSlack(name, (i,)) for i, name in enumerate(("need", "first", "second", "idle"))]
+    )
 
 
 #: 4 is needed of two shares of at most 1: two are missing.
 NUMBERS = [4.0, 1.0, 1.0, 7.0]
-PRICES = {"need": Price(-4.0, 1.0), "first": Price(1.0, 9.0), "second": Price(1.0, 9.0)}
+PRICES = {"need": PenaltyWeight(-4.0, 1.0), "first": PenaltyWeight(1.0, 9.0), "second": PenaltyWeight(1.0, 9.0)}
 
 
 def test_a_relief_that_nothing_depends_on_is_left_out(budget: ElasticProgram) -> None:
-    assert [relief.name for relief in budget.reliefs] == ["need", "first", "second"]
+    assert [term.name for term in budget.terms] == ["need", "first", "second"]
 
 
 def test_the_cheapest_relief_takes_it_all(budget: ElasticProgram) -> None:
@@ -83,17 +85,21 @@ def test_equal_reliefs_share_where_the_cheapest_is_held(budget: ElasticProgram) 
 
 
 def test_a_large_weight_tells_what_one_relief_can_do_alone(budget: ElasticProgram) -> None:
-    heavy = {"need": Price(-4.0, 1.0, 100.0), "first": Price(1.0, 9.0), "second": Price(1.0, 9.0, 100.0)}
+    heavy = {
+        "need": PenaltyWeight(-4.0, 1.0, 100.0),
+        "first": PenaltyWeight(1.0, 9.0),
+        "second": PenaltyWeight(1.0, 9.0, 100.0),
+    }
     found = budget.solve([0.5, 0.5], NUMBERS, heavy)
     assert found.slacks == pytest.approx({"need": 0.0, "first": 2.0, "second": 0.0}, abs=TOLERANCE)
     # With too short a reach the others must help, and show it.
-    short = budget.solve([0.5, 0.5], NUMBERS, heavy | {"first": Price(1.0, 1.5)})
+    short = budget.solve([0.5, 0.5], NUMBERS, heavy | {"first": PenaltyWeight(1.0, 1.5)})
     assert short.slacks["first"] == pytest.approx(1.5, abs=TOLERANCE)
     assert short.slacks["need"] == pytest.approx(0.5 / 4, abs=TOLERANCE)
 
 
 def test_nothing_moves_where_the_program_is_feasible(budget: ElasticProgram) -> None:
-    found = budget.solve([0.1, 0.1], [1.5, 1.0, 1.0, 7.0], {**PRICES, "need": Price(-1.5, 1.0)})
+    found = budget.solve([0.1, 0.1], [1.5, 1.0, 1.0, 7.0], {**PRICES, "need": PenaltyWeight(-1.5, 1.0)})
     assert found.success
     assert sum(found.slacks.values()) < TOLERANCE
 
@@ -107,9 +113,9 @@ def test_a_parameter_inside_a_row_moves_too() -> None:
     x, p = ca.SX.sym("x"), ca.SX.sym("p", 2)
     rows = [(x**2 / p[0], -p[1], p[1]), (x, 3.0, np.inf)]
     small = program(x, p, rows, ca.SX(-10.0), ca.SX(10.0))
-    elastic = ElasticProgram(small, [Relief("a", (0,)), Relief("both", (0, 1))])
-    found = elastic.solve([1.0], [1.0, 4.0], {"a": Price(1.0, 9.0)})
+    elastic = ElasticProgram(small, [ElasticSlack("a", (0,)), ElasticSlack("both", (0, 1))])
+    found = elastic.solve([1.0], [1.0, 4.0], {"a": PenaltyWeight(1.0, 9.0)})
     assert found.slacks["a"] == pytest.approx(1.25, abs=TOLERANCE)
-    # One relief of two parameters: (1 + s) (4 + s) = 9.
-    found = elastic.solve([1.0], [1.0, 4.0], {"both": Price([1.0, 1.0], 9.0)})
+    # One term of two parameters: (1 + s) (4 + s) = 9.
+    found = elastic.solve([1.0], [1.0, 4.0], {"both": PenaltyWeight([1.0, 1.0], 9.0)})
     assert found.slacks["both"] == pytest.approx((np.sqrt(45.0) - 5.0) / 2.0, abs=TOLERANCE)

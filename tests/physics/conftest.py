@@ -68,7 +68,7 @@ def explicit(values: ParameterValues) -> StateTable:
     model, place, force = Model(p), [ca.SX.sym(name) for name in POSITION_ARGUMENTS], ca.SX.sym("force")
     length, elevation, azimuth, course, lift, kite_drag = place
     position = Position(length, radians(elevation), radians(azimuth), Course.of_angle(radians(course)))
-    around = model.surroundings(position, Coefficients(lift, kite_drag))
+    around = model.conditions(position, Coefficients(lift, kite_drag))
     form = inflow_angle_at_force(model, position, around, force)
     margins = [form.crosswind_margin, form.drag_angle_margin, form.forward_margin, form.radial_margin]
     named = outputs_of(explicit_state(model, position, around, force))
@@ -88,7 +88,7 @@ def flying_down(values: ParameterValues) -> StateTable:
     p = parameters_of(values.structure)
     model, place, speed = Model(p), [ca.SX.sym(name) for name in POSITION_ARGUMENTS], ca.SX.sym("speed")
     length, elevation, _, _, lift, kite_drag = place
-    around = model.surroundings(Position(length, radians(elevation), 0.0, DOWN), Coefficients(lift, kite_drag))
+    around = model.conditions(Position(length, radians(elevation), 0.0, DOWN), Coefficients(lift, kite_drag))
     force = radial_ground_force_flying_down(model, around, speed)
     function = ca.Function("down", [ca.vertcat(p.vector, *place, speed)], [force])
 
@@ -105,7 +105,7 @@ def iterated(values: ParameterValues) -> StateTable:
     model, place, f = Model(p), [ca.SX.sym(name) for name in POSITION_ARGUMENTS], ca.SX.sym("f")
     length, elevation, azimuth, course, lift, kite_drag = place
     position = Position(length, radians(elevation), radians(azimuth), Course.of_angle(radians(course)))
-    around = model.surroundings(position, Coefficients(lift, kite_drag))
+    around = model.conditions(position, Coefficients(lift, kite_drag))
     kappas = [paper_iteration(model, position, around, f, iterations=count) for count in (150, 151)]
     function = ca.Function("iterated", [ca.vertcat(p.vector, *place, f)], kappas)
 

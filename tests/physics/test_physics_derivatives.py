@@ -12,20 +12,20 @@ import pytest
 from numpy.testing import assert_allclose
 
 from kiteocp.physics.equilibrium import OUTPUTS, equilibrium_functions
-from kiteocp.physics.flight import Place
+from kiteocp.physics.flight import OperatingPoint
 from kiteocp.physics.parameters import ParameterValues
 
 CASES = [
-    ("tether_force_kite", Place(500.0, 35.0, 12.0, 101.0, 0.69, 0.17), 3008.0),
-    ("tether_force_ground", Place(300.0, 60.0, -20.0, 170.0, 0.3, 0.07), 900.0),
-    ("radial_ground_force", Place(700.0, 25.0, 5.0, 30.0, 0.69, 0.17), 1500.0),
-    ("reeling_speed", Place(450.0, 40.0, 10.0, 95.0, 0.69, 0.17), 4.0),
-    ("reeling_factor", Place(450.0, 50.0, -15.0, 200.0, 0.2, 0.06), -0.3),
+    ("tether_force_kite", OperatingPoint(500.0, 35.0, 12.0, 101.0, 0.69, 0.17), 3008.0),
+    ("tether_force_ground", OperatingPoint(300.0, 60.0, -20.0, 170.0, 0.3, 0.07), 900.0),
+    ("radial_ground_force", OperatingPoint(700.0, 25.0, 5.0, 30.0, 0.69, 0.17), 1500.0),
+    ("reeling_speed", OperatingPoint(450.0, 40.0, 10.0, 95.0, 0.69, 0.17), 4.0),
+    ("reeling_factor", OperatingPoint(450.0, 50.0, -15.0, 200.0, 0.2, 0.06), -0.3),
 ]
 
 
 @pytest.mark.parametrize(("control", "place", "value"), CASES)
-def test_state_derivatives(values: ParameterValues, control: str, place: Place, value: float) -> None:
+def test_state_derivatives(values: ParameterValues, control: str, place: OperatingPoint, value: float) -> None:
     """With respect to all numbers of the problem file, place, course, coefficients and control."""
     functions = equilibrium_functions(values.structure, control)
     arguments = ca.MX.sym("arguments", functions.solve.size1_in(1))

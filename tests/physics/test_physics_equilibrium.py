@@ -17,7 +17,7 @@ from paper import Places, StateTable, random_places
 
 import kiteocp
 from kiteocp.errors import NoEquilibriumError
-from kiteocp.physics.flight import Place, flight_state, solve_state
+from kiteocp.physics.flight import OperatingPoint, flight_state, solve_state
 from kiteocp.physics.parameters import ParameterValues
 
 COUNT = 4000
@@ -41,7 +41,7 @@ def state_or_reason(
 ) -> tuple[dict[str, float], str | None]:
     """Solve a state with a bracketed root, or say in a word why there is none."""
     try:
-        return solve_state(values, Place(*row), control, value), None
+        return solve_state(values, OperatingPoint(*row), control, value), None
     except NoEquilibriumError as error:
         return {}, error.reason
 
@@ -63,7 +63,7 @@ def test_closed_form_agrees_with_the_rootfinder(
     assert_allclose(state["inflow_angle"][there], closed["inflow_angle"][there], rtol=0, atol=1e-9)
     # Newton without a bracket finds the other root, or none, of a few states at the edge; with a bracket it does.
     for index in np.flatnonzero(~there):
-        safe = solve_state(values, Place(*table[index]), "tether_force_kite", force[index])
+        safe = solve_state(values, OperatingPoint(*table[index]), "tether_force_kite", force[index])
         assert safe["inflow_angle"] == pytest.approx(closed["inflow_angle"][index], abs=1e-9)
     # The closed form solves the residual everywhere, the rest of the state follows from the angle.
     assert_allclose(closed["residual"], 0, atol=1e-11)
@@ -176,7 +176,7 @@ def test_paper_iteration_gives_the_same_ratio_where_it_converges(
     assert same[both].mean() > 0.97
     assert_allclose(state["kinematic_ratio"][both & same], paper["kinematic_ratio"][both & same], rtol=1e-9)
     for index in np.flatnonzero(both & ~same)[:50]:
-        safe = solve_state(values, Place(*table[index]), "reeling_factor", f[index])
+        safe = solve_state(values, OperatingPoint(*table[index]), "reeling_factor", f[index])
         assert safe["kinematic_ratio"] == pytest.approx(paper["kinematic_ratio"][index], rel=1e-8)
 
 
@@ -212,7 +212,7 @@ def test_a_wind_that_scales_scales_the_massless_state(problem: kiteocp.Problem) 
 
 def test_mirror_image(values: ParameterValues) -> None:
     """The model is symmetric about the plane of the wind."""
-    place = Place(450.0, 33.0, 20.0, 70.0, 0.7, 0.15)
+    place = OperatingPoint(450.0, 33.0, 20.0, 70.0, 0.7, 0.15)
     image = dataclasses.replace(place, azimuth_deg=-20.0, course_deg=-70.0)
     one, other = (solve_state(values, p, "tether_force_kite", 2000.0) for p in (place, image))
     for name in ("reeling_speed", "tangential_speed", "kinematic_ratio", "power"):

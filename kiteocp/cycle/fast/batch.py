@@ -16,7 +16,7 @@ from typing import Any, NoReturn
 import numpy as np
 import numpy.typing as npt
 
-from kiteocp.cycle.fast.cycle_function import COARSE, FINE, OUTPUT_NAMES, QUANTITIES, Mesh, cycle_function
+from kiteocp.cycle.fast.cycle_function import COARSE, FINE, OUTPUT_NAMES, QUANTITIES, FixedSteps, cycle_function
 from kiteocp.cycle.phases import PHASES, require_three_phases
 from kiteocp.cycle.simulation import LONGEST_PHASE, fly
 from kiteocp.errors import CycleError, InputError, shortened
@@ -229,7 +229,7 @@ def _nested(structure: Structure) -> Callable[[np.ndarray], dict[str, Any]]:
 
 
 @lru_cache(maxsize=8)
-def _vectorised(structure: Structure, mesh: Mesh) -> VectorisedFunction:
+def _vectorised(structure: Structure, mesh: FixedSteps) -> VectorisedFunction:
     return VectorisedFunction(cycle_function(structure, mesh))
 
 

@@ -26,7 +26,7 @@ from kiteocp.physics.parameters import Structure, parameters_of
 
 
 @dataclass(frozen=True)
-class Mesh:
+class FixedSteps:
     """How finely a cycle is stepped.
 
     Attributes
@@ -46,8 +46,8 @@ class Mesh:
 
 
 #: Two meshes, for nearly all problems and for most of the others; the finer one costs half as much again.
-COARSE = Mesh((0.6,), 1, 3, 5)
-FINE = Mesh((0.3, 0.4, 0.5), 2, 4, 9)
+COARSE = FixedSteps((0.6,), 1, 3, 5)
+FINE = FixedSteps((0.3, 0.4, 0.5), 2, 4, 9)
 
 #: Share of its own estimate by which the quadrature over the traction is off at most, as measured.
 QUADRATURE_ERROR = 0.2
@@ -70,7 +70,7 @@ Rates = Callable[[Any], Any]
 
 
 @lru_cache(maxsize=32)
-def cycle_function(structure: Structure, mesh: Mesh = COARSE) -> ca.Function:
+def cycle_function(structure: Structure, mesh: FixedSteps = COARSE) -> ca.Function:
     """Build (once) ``parameters -> outputs`` of `OUTPUT_NAMES`, all scalars.
 
     ``error_estimate`` is relative, of durations and energies, and a hundred times too high where it is small;
@@ -142,7 +142,7 @@ def _relative(error: Any, state: Any, start: Any, stroke: Any) -> Any:
     )
 
 
-def _retraction(rates: Rates, start: Any, shortest: Any, mesh: Mesh) -> tuple[Any, Any]:
+def _retraction(rates: Rates, start: Any, shortest: Any, mesh: FixedSteps) -> tuple[Any, Any]:
     """Return the state at the shortest tether length, and an estimate of its relative error."""
     stroke = start[LENGTH] - shortest
     slope = rates(start)
@@ -165,7 +165,7 @@ def _retraction(rates: Rates, start: Any, shortest: Any, mesh: Mesh) -> tuple[An
     return state, error + _relative(missed, state, start, stroke)
 
 
-def _transition(functions: TransitionFunctions, p: Any, start: Any, end: Any, mesh: Mesh) -> tuple[Any, Any]:
+def _transition(functions: TransitionFunctions, p: Any, start: Any, end: Any, mesh: FixedSteps) -> tuple[Any, Any]:
     """Return the state at the elevation of the traction, and whether the branches come in order."""
     at_rest, low, high = range(3)
 
@@ -235,7 +235,7 @@ def _crossing(function: Callable[[Any], Any], start: Any, end: Any) -> tuple[Any
     return found, ca.if_else(crosses, settled, ca.logic_or(alike, span == 0))
 
 
-def _traction(rates: Rates, start: Any, longest: Any, mesh: Mesh) -> tuple[Any, Any]:
+def _traction(rates: Rates, start: Any, longest: Any, mesh: FixedSteps) -> tuple[Any, Any]:
     """Return the state at the longest tether, and an estimate of its relative error."""
     stroke = longest - start[LENGTH]
     nodes = _gauss(mesh.traction_nodes)

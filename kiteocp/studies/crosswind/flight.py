@@ -13,7 +13,7 @@ import numpy as np
 from kiteocp.errors import NoEquilibriumError
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.physics.equilibrium import OUTPUTS, equilibrium_functions
-from kiteocp.physics.flight import Place, solve_state
+from kiteocp.physics.flight import OperatingPoint, solve_state
 from kiteocp.physics.parameters import ParameterValues
 from kiteocp.studies.crosswind.path import FlightPath, antiderivative
 
@@ -150,7 +150,7 @@ def solve_places(values: ParameterValues, places: FloatArray, winch: Winch) -> d
     good &= (angles.ravel() > 0.0) & (angles.ravel() < 0.5 * np.pi)
     for index in np.flatnonzero(~good):
         try:
-            found = solve_state(values, Place(*places[:, index].tolist()), winch.control, winch.value)
+            found = solve_state(values, OperatingPoint(*places[:, index].tolist()), winch.control, winch.value)
         except NoEquilibriumError:
             found = dict.fromkeys(OUTPUTS, np.nan)
         for name in OUTPUTS:
@@ -204,7 +204,7 @@ def _unflyable(values: ParameterValues, places: FloatArray, winch: Winch, speed:
     missing = np.flatnonzero(~np.isfinite(speed))
     if missing.size:
         try:
-            solve_state(values, Place(*places[:, missing[0]].tolist()), winch.control, winch.value)
+            solve_state(values, OperatingPoint(*places[:, missing[0]].tolist()), winch.control, winch.value)
         except NoEquilibriumError as error:
             share = 100.0 * missing.size / speed.size
             return UnflyableError(

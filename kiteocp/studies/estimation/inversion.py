@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from kiteocp.physics import aerodynamics
 from kiteocp.physics.kinematics import DOWN, radians
-from kiteocp.physics.model import Coefficients, Model, Position, Surroundings
+from kiteocp.physics.model import Coefficients, LocalConditions, Model, Position
 from kiteocp.physics.parameters import Parameters, Structure, parameter_values, parameters_of
 from kiteocp.physics.tether import force_at_kite
 from kiteocp.problem import Problem
@@ -70,7 +70,7 @@ class ApparentWind:
     Attributes
     ----------
     around
-        Surroundings of the sample with coefficients of zero: its drag coefficient is that of the tether.
+        LocalConditions of the sample with coefficients of zero: its drag coefficient is that of the tether.
     velocity
         Apparent wind, m/s (eq:Vapp_definition2).
     speed
@@ -81,7 +81,7 @@ class ApparentWind:
         eq:aeroforce_fromexp, N.
     """
 
-    around: Surroundings
+    around: LocalConditions
     velocity: tuple[Any, Any, Any]
     speed: Any
     force: tuple[Any, Any]
@@ -105,7 +105,7 @@ def apparent_wind(model: Model, measured: Any) -> ApparentWind:
     length, elevation, azimuth, _, radial, polar, azimuthal, tension = ca.vertsplit(measured)
     # Heading straight down, the wind along the course is its polar component, and that across it the azimuthal one.
     position = Position(length, radians(elevation), radians(azimuth), DOWN)
-    around = model.surroundings(position, Coefficients(0.0, 0.0))
+    around = model.conditions(position, Coefficients(0.0, 0.0))
     velocity = around.wind.radial - radial, around.wind.along_course - polar, around.wind.across_course - azimuthal
     pull = model.radial_ground_force(around, tension, "ground") + around.weight_along
     force = pull, -around.weight_across

@@ -197,7 +197,7 @@ def _state_function(structure: Structure, name: PhaseName) -> ca.Function:
     outputs = (
         length,
         elevation,
-        state.surroundings.height,
+        state.conditions.height,
         state.reeling_speed,
         state.tangential_speed,
         state.apparent_wind_speed,

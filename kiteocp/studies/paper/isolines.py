@@ -9,7 +9,7 @@ import numpy as np
 
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.physics.equilibrium import POSITION_ARGUMENTS, equilibrium_functions
-from kiteocp.physics.flight import Place
+from kiteocp.physics.flight import OperatingPoint
 from kiteocp.physics.parameters import ParameterValues, parameter_values
 from kiteocp.problem import Problem, problem_from_dict
 
@@ -124,7 +124,7 @@ def mass_isolines(
     with np.errstate(invalid="ignore"):
         a, b = given + target, -tilting * strength / weight
         opening, turn = np.arccos(target / np.hypot(a, b)), np.arctan2(b, a)
-        # The second solution is cut off from the massless kite where the first goes on for ever: flying down so steeply
+        # The second solution is cut off from the massless kite where the first does not end: flying down so steeply
         # that even at an infinite kinematic ratio the force could lean far enough.
         for tilt, connected in ((opening - turn, np.cos(np.radians(courses)) <= target), (-opening - turn, True)):
             leaning = np.where(np.abs(tilt) < TILT_ROUNDING, 0.0, tilt)
@@ -144,5 +144,5 @@ def mass_isolines(
 
 def _arguments(values: ParameterValues) -> FloatArray:
     """Return the arguments of the residual for the figure's state, without mass and heading straight down."""
-    place = Place(_LENGTH_M, ELEVATION_DEG, 0.0, 0.0, LIFT, LIFT / LIFT_TO_DRAG)
+    place = OperatingPoint(_LENGTH_M, ELEVATION_DEG, 0.0, 0.0, LIFT, LIFT / LIFT_TO_DRAG)
     return np.concatenate([values.replaced({"kite.mass_kg": 0.0}).vector, place.vector(), [REELING_FACTOR]])

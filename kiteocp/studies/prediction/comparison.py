@@ -23,7 +23,7 @@ from kiteocp.studies.prediction.kite import EstimatedKite, own_coefficients
 from kiteocp.studies.prediction.measured import MeasuredCycle, measured_cycle
 from kiteocp.studies.prediction.predictions import LAWS, CycleComparison, PhaseComparison, Prediction
 from kiteocp.studies.prediction.prescribed import FlownLaw, fly_law
-from kiteocp.studies.prediction.replay import Path, Replay, WinchLaw, matching_wind, path_of, replay
+from kiteocp.studies.prediction.replay import FlownWinchLaw, Path, Replay, matching_wind, path_of, replay
 
 #: What each law predicts (the rest of a phase it is given), with the measured quantity beside it.
 PREDICTED: Mapping[str, tuple[str, ...]] = {
@@ -122,7 +122,7 @@ def _slope(up: float | None, centre: float, down: float | None, step: float) -> 
 
 
 def _predicted(
-    cycle: MeasuredCycle, paths: Mapping[str, Path], values: ParameterValues, winch: WinchLaw | None
+    cycle: MeasuredCycle, paths: Mapping[str, Path], values: ParameterValues, winch: FlownWinchLaw | None
 ) -> tuple[dict[str, float], dict[str, Any]]:
     """Return every predicted number by ``law.phase.quantity``, and the time series behind by ``law.phase``."""
     found: dict[str, float] = {}

@@ -16,7 +16,7 @@ from kiteocp.recording.power_setting import FULLY_POWERED
 from kiteocp.studies.estimation.fit import CoefficientFit, fit_coefficients
 from kiteocp.studies.estimation.inversion import invert
 from kiteocp.studies.estimation.wind import WindEstimate, wind_from_airspeed, wind_from_heights, wind_of_problem
-from kiteocp.studies.prediction.replay import WinchLaw, winch_law
+from kiteocp.studies.prediction.replay import FlownWinchLaw, winch_law
 from kiteocp.studies.prediction.sensor import airspeed_factor
 
 #: Steps for the slope of one estimate over another: relative, and of a direction.
@@ -68,7 +68,7 @@ class EstimatedKite:
     airspeed_factor_error: float | None
     wind_by_forces: tuple[float, float] | None
     setting: tuple[float, float]
-    winch_law: WinchLaw | None
+    winch_law: FlownWinchLaw | None
     cycles: tuple[int, ...]
     warnings: tuple[str, ...]
 

@@ -45,7 +45,7 @@ INGREDIENTS: Mapping[str, tuple[str, ...]] = {
 FORCE_LIMITS = {"limits.tether_force_max_at": "ground", "limits.tether_force_min_at": "ground"}
 
 #: A wind whose relative error is less is that of data without noise.
-KNOWN = 1e-4
+MIN_WIND_ERROR_SHARE = 1e-4
 
 #: A limit that is this share wider than what the flight kept to is told.
 NOTICED = 0.01
@@ -159,7 +159,7 @@ def study_optimum(
     flown = sum(c.mean_power_W * c.duration_s for c in cycles) / sum(c.duration_s for c in cycles)
     prescribed = _power(problem, pause)
     optimal = _mean_power(optimum)
-    error = wind.scale_standard_error
+    error, least = wind.scale_standard_error, MIN_WIND_ERROR_SHARE * wind.scale
 
     def in_other_wind(errors: float) -> float | None:
         return _optimal(given, (wind.scale + errors * (error or 0.0)) * factor)
@@ -178,7 +178,7 @@ def study_optimum(
         optimal_power_W=optimal,
         optimal_band_W=(in_other_wind(-1.0), in_other_wind(1.0)),
         wind_factor=factor,
-        wind_sigmas=abs(factor - 1.0) * wind.scale / error if error and error > KNOWN * wind.scale else None,
+        wind_sigmas=abs(factor - 1.0) * wind.scale / error if error and error > least else None,
         best=optimal_operation(optimum),
         contributions=dict(sorted(contributions.items(), key=lambda item: -abs(item[1]))),
         result=optimum,

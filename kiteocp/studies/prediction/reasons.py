@@ -30,13 +30,13 @@ QUANTITY_WORDS = {
 SENSITIVE = 5.0
 
 #: A wind that matches a traction within this share of the estimated one is the estimated one.
-MATCHED = 0.01
+MAX_SPEED_ERROR_SHARE = 0.01
 
 #: Coefficients of two estimates differ beyond so many standard errors, where these are no rounding (relative).
 APART_SIGMAS, KNOWN_SHARE = 2.0, 1e-4
 
 #: A phase of the machine that lasts so many times longer than the model's has more flown in it.
-LONGER = 2.0
+MIN_DURATION_RATIO = 2.0
 
 #: Time over which a change of the kite's speed is taken.
 SMOOTHED_S = 1.0
@@ -48,7 +48,7 @@ LATE_S, LATE_GAIN = 0.5, 0.2
 LONGEST_DELAY_S, FEWEST = 5.0, 20
 
 #: Relative standard deviation of the force within the traction beyond which it was not held constant.
-HELD = 0.05
+MIN_FORCE_SPREAD_SHARE = 0.05
 
 
 def reasons(study: FlightStudy) -> Iterator[str]:
@@ -87,7 +87,7 @@ def _why_sensitive(study: FlightStudy) -> Iterator[str]:
             )
     matches = [cycle for cycle in study.cycles if cycle.matching_wind is not None]
     off = [abs((cycle.matching_wind or 1.0) - 1.0) for cycle in matches]
-    if matches and max(off) > MATCHED:
+    if matches and max(off) > MAX_SPEED_ERROR_SHARE:
         changes = " and ".join(
             f"{100 * ((cycle.matching_wind or 1.0) - 1.0):+.1f} %"
             + (f" ({cycle.matching_sigmas:.1f} standard errors)" if np.isfinite(cycle.matching_sigmas) else "")
@@ -135,7 +135,7 @@ def _why_course(study: FlightStudy) -> Iterator[str]:
                 found.append(float(np.sum(again.force_N[among]) / np.sum(again.path.force_N[among])))
     if ratios["down"] and ratios["up"]:
         below, above = (100 * (float(np.mean(found)) - 1) for found in ratios.values())
-        if below - above > 100 * HELD:
+        if below - above > 100 * MIN_FORCE_SPREAD_SHARE:
             line = (
                 f"At the flown reeling speed the model's force is {below:+.0f} % off where the kite flies down and "
                 f"{above:+.0f} % where it flies up"
@@ -229,7 +229,7 @@ def _why_transition(study: FlightStudy) -> Iterator[str]:
         straight.append(
             np.radians(abs(phase.elevation_end_deg - phase.elevation_start_deg)) * phase.tether_length_start_m
         )
-    if np.mean(measured) > LONGER * np.mean(modelled):
+    if np.mean(measured) > MIN_DURATION_RATIO * np.mean(modelled):
         yield (
             f"The model's transition flies straight down in {np.mean(modelled):.0f} s; the machine took "
             f"{np.mean(measured):.0f} s and flew {np.mean(way):.0f} m across the tether for {np.mean(straight):.0f} m "
@@ -257,7 +257,7 @@ def _why_law(study: FlightStudy) -> Iterator[str]:
     for cycle in _phase_pairs(study, "traction"):
         force = cycle.phases["traction"].replayed.path.force_N
         spreads.append(float(np.std(force) / np.mean(force)))
-    if spreads and np.mean(spreads) > HELD:
+    if spreads and np.mean(spreads) > MIN_FORCE_SPREAD_SHARE:
         line = (
             f"In the traction the machine did not hold a constant force: it varies by {100 * np.mean(spreads):.0f} % "
             "about its mean"
@@ -277,7 +277,7 @@ def _why_law(study: FlightStudy) -> Iterator[str]:
         for law in LAW_WORDS
     }
     known = {law: error for law, error in errors.items() if np.isfinite(error)}
-    if known and max(known.values()) > HELD:
+    if known and max(known.values()) > MIN_FORCE_SPREAD_SHARE:
         best = min(known, key=lambda law: known[law])
         parts = "; ".join(f"{LAW_WORDS[law]} {100 * error:.0f} %" for law, error in known.items())
         yield (

@@ -124,7 +124,7 @@ class Replay:
 
 
 @dataclass(frozen=True)
-class WinchLaw:
+class FlownWinchLaw:
     """How a winch reeled out over force: ``speed = speed_m_s + slope_m_s_per_N (force - force_N)``.
 
     Attributes
@@ -147,7 +147,7 @@ class WinchLaw:
         return self.speed_m_s + self.slope_m_s_per_N * (force_N - self.force_N)
 
 
-def winch_law(flight: FlightData) -> WinchLaw | None:
+def winch_law(flight: FlightData) -> FlownWinchLaw | None:
     """Return the law that the tractions of a flight show; None where speed and force do not go together."""
     among = (flight.phase == "traction") & np.isfinite(flight.tether_force_ground_N * flight.reeling_speed_m_s)
     force, speed = flight.tether_force_ground_N[among], flight.reeling_speed_m_s[among]
@@ -157,7 +157,7 @@ def winch_law(flight: FlightData) -> WinchLaw | None:
     slope = correlation * float(np.std(speed) / np.std(force))
     if correlation < LAWFUL:
         return None
-    return WinchLaw(float(force.mean()), float(speed.mean()), slope, correlation)
+    return FlownWinchLaw(float(force.mean()), float(speed.mean()), slope, correlation)
 
 
 def path_of(flight: FlightData, cycle: int, phase: str, setting: tuple[float, float]) -> Path:
@@ -187,7 +187,7 @@ def path_of(flight: FlightData, cycle: int, phase: str, setting: tuple[float, fl
     return Path(phase, flight.time_s[among], places[:, among], force[among], speed[among])
 
 
-def replay(path: Path, values: ParameterValues, law: WinchLaw | None = None) -> Replay:
+def replay(path: Path, values: ParameterValues, law: FlownWinchLaw | None = None) -> Replay:
     """Fly a path again in the model of given numbers, by force, by speed and, in reel-out, by the law of the winch."""
     function = _state_function(values.structure).map(path.time_s.size)
 
@@ -244,7 +244,7 @@ def _state_function(structure: Structure) -> ca.Function:
     model = Model(parameters)
     length, elevation, azimuth, course, setting, tension = ca.vertsplit(inputs)
     position = Position(length, radians(elevation), radians(azimuth), Course.of_angle(radians(course)))
-    around = model.surroundings(position, model.coefficients(setting))
+    around = model.conditions(position, model.coefficients(setting))
     state = explicit_state(model, position, around, model.radial_ground_force(around, tension, "ground"))
     outputs = ca.vertcat(state.reeling_speed, state.tangential_speed)
     return ca.Function("state", [inputs, parameters.vector], [ca.densify(outputs)])

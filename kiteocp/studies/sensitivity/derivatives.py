@@ -13,7 +13,7 @@ import numpy as np
 
 from kiteocp.errors import InputError, SolveError
 from kiteocp.ocp.active_set import ActiveSetMethod
-from kiteocp.ocp.active_solution import ActiveSetError, Derivatives, SharpSolution
+from kiteocp.ocp.active_solution import ActiveSetError, Derivatives, PolishedSolution
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.continuation import Reach, follow, one_sided
 from kiteocp.ocp.nlp import NonlinearProgram
@@ -39,7 +39,7 @@ class LocalStudy:
     ----------
     optimum
         What was solved.
-    method, sharp
+    method, polished
         The method, and the optimum to rounding.
     keys
         Key paths of the numbers of the problem.
@@ -51,14 +51,14 @@ class LocalStudy:
 
     optimum: Optimum
     method: ActiveSetMethod
-    sharp: SharpSolution
+    polished: PolishedSolution
     keys: tuple[str, ...]
     directions: FloatArray
     derivatives: Derivatives
 
     @classmethod
     def of(cls, optimum: Optimum) -> LocalStudy:
-        """Sharpen and differentiate an optimum.
+        """Polish and differentiate an optimum.
 
         Raises
         ------
@@ -67,12 +67,12 @@ class LocalStudy:
         """
         method = method_of(optimum.solver.program)
         keys, directions = optimum.values.structure.keys, key_directions(optimum.problem)
-        sharp = _sharp(optimum, method)
+        polished = _polished(optimum, method)
         try:
-            derivatives = method.derivatives(sharp, directions)
+            derivatives = method.derivatives(polished, directions)
         except ActiveSetError as error:
             raise _not_differentiable(error) from None
-        return cls(optimum, method, sharp, keys, directions, derivatives)
+        return cls(optimum, method, polished, keys, directions, derivatives)
 
     def _in_watts(self, objective: Any) -> Any:
         return self.optimum.solver.program.in_units(objective)
@@ -80,7 +80,7 @@ class LocalStudy:
     @property
     def mean_power_W(self) -> float:
         """Optimal mean power of the objective."""
-        return float(self._in_watts(self.sharp.f))
+        return float(self._in_watts(self.polished.f))
 
     @property
     def gradient(self) -> FloatArray:
@@ -105,7 +105,7 @@ class LocalStudy:
     @cached_property
     def sides(self) -> tuple[FloatArray, FloatArray]:
         """Derivative of the optimal mean power below and above each key; infinite where there is no cycle."""
-        below, above = one_sided(self.method, self.sharp, self.derivatives, self.directions)
+        below, above = one_sided(self.method, self.polished, self.derivatives, self.directions)
         return self._in_watts(below) + 0.0, self._in_watts(above) + 0.0
 
     def tangent(self, column: int) -> Derivatives:
@@ -122,11 +122,11 @@ class LocalStudy:
         # Where the solution stands still only bounds move, along straight lines.
         still = not tangent.x.any() and not tangent.multipliers.any()
         way = float(np.sign(farthest)) * np.inf if still else farthest
-        return follow(self.method, self.sharp, tangent, self.directions[:, column], way)
+        return follow(self.method, self.polished, tangent, self.directions[:, column], way)
 
     def power_at(self, column: int, step: float) -> float | None:
         """Re-solve with one key changed, warm; None where no solution is found."""
-        moved = self.sharp.p + step * self.directions[:, column]
+        moved = self.polished.p + step * self.directions[:, column]
         try:
             solution = self.optimum.solver.solve(self.optimum.solution.x, moved, warm=self.optimum.solution)
         except ValueError:
@@ -134,17 +134,17 @@ class LocalStudy:
         return float(self._in_watts(solution.f)) if solution.success else None
 
 
-def _sharp(optimum: Optimum, method: ActiveSetMethod) -> SharpSolution:
-    """Solve the optimum on its active set, once more by IPOPT where it is not clear which bounds press."""
+def _polished(optimum: Optimum, method: ActiveSetMethod) -> PolishedSolution:
+    """Solve the optimum on its active set, once more by IPOPT where it is not clear which bounds are active."""
     solution, p = optimum.solution, optimum.values.vector
     try:
-        return method.settle(solution, method.active_set_of(solution), p)
+        return method.polish_and_correct(solution, method.active_set_of(solution), p)
     except ActiveSetError:
         decided = optimum.solver.solve(solution.x, p, warm=solution, deciding=True)
         if not decided.success:
             decided = solution
     try:
-        return method.settle(decided, method.active_set_of(decided), p)
+        return method.polish_and_correct(decided, method.active_set_of(decided), p)
     except ActiveSetError as error:
         raise _not_differentiable(error) from None
 

@@ -1,6 +1,6 @@
 """Local sensitivity of the optimal mean power to every number of the problem file, exact, from one solution.
 
-The optimum is sharpened on its active set and differentiated (`kiteocp.ocp.active_set`); how far the derivatives hold
+The optimum is polished on its active set and differentiated (`kiteocp.ocp.active_set`); how far the derivatives hold
 is found by following it (`kiteocp.ocp.continuation`).
 """
 
@@ -95,7 +95,7 @@ def sensitivities(problem: Problem, *, intervals: bool = True) -> Result:
 
 def _row(study: LocalStudy, column: int, intervals: bool) -> dict[str, Any]:
     """Return everything about one key, in the words of the summary."""
-    key, value, power = study.keys[column], float(study.sharp.p[column]), study.mean_power_W
+    key, value, power = study.keys[column], float(study.polished.p[column]), study.mean_power_W
     derivative = float(study.gradient[column])
     below, above = (float(side[column]) for side in study.sides)
     key_facts = _declared(key)
@@ -135,7 +135,7 @@ def _row(study: LocalStudy, column: int, intervals: bool) -> dict[str, Any]:
 
 def _interval(study: LocalStudy, column: int, ends: tuple[float, float], changes: list[float | None]) -> dict[str, Any]:
     """Find how far the active set holds, and what re-solving at the ends of the uncertainty gives."""
-    value, power = float(study.sharp.p[column]), study.mean_power_W
+    value, power = float(study.polished.p[column]), study.mean_power_W
     way = FARTHEST * abs(value) or 1.0
     row: dict[str, Any] = {}
     misleading = False
@@ -190,8 +190,8 @@ def _schedule(study: LocalStudy, column: int) -> dict[str, dict[str, float]]:
 
 
 def _prices(study: LocalStudy) -> dict[str, FloatArray]:
-    """Differentiate the optimal power through the bounds that press, by phase, shape (keys,); the rest by itself."""
-    pressing = np.concatenate((study.sharp.lam_x, study.sharp.lam_g))
+    """Differentiate the optimal power through the active bounds, by phase, shape (keys,); the rest by itself."""
+    pressing = np.concatenate((study.polished.lam_x, study.polished.lam_g))
     program = study.optimum.solver.program
     shares = -program.in_units(pressing[:, None] * study.derivatives.pressed)
     labels = (*program.variables, *program.rows)

@@ -59,7 +59,7 @@ def shadow_prices(
     alone: FloatArray,
     followers: Callable[[int], Sequence[str]],
 ) -> list[dict[str, Any]]:
-    """Return what each limit that presses is worth, by phase.
+    """Return what each active limit is worth, by phase.
 
     Parameters
     ----------
