@@ -102,5 +102,5 @@ def test_ctrl_c_is_one_line_and_status_130(tmp_path):
     )
     assert done.returncode == 128 + signal.SIGINT
     directory = "results/strong-wind/simulate"
-    assert done.stderr == f"kiteocp: interrupted; what was reached is saved in {directory}\n"
+    assert done.stderr == f"kiteocp: interrupted; nothing was reached yet, as the summary in {directory} says\n"
     assert json.loads((tmp_path / directory / "summary.json").read_text())["status"] == "interrupted"

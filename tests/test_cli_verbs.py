@@ -148,7 +148,7 @@ def test_a_picture_that_cannot_be_written_does_not_cost_the_numbers(capsys):
 def test_an_interruption_is_one_line_and_status_130(capsys, monkeypatch):
     monkeypatch.setattr(kiteocp.cycle, "simulate", raising(KeyboardInterrupt()))
     assert main(["simulate", "strong-wind", "-o", "out"]) == 130
-    assert capsys.readouterr().err == "kiteocp: interrupted; what was reached is saved in out\n"
+    assert capsys.readouterr().err == "kiteocp: interrupted; nothing was reached yet, as the summary in out says\n"
     with open("out/summary.json") as stream:
         assert json.load(stream)["status"] == "interrupted"
 

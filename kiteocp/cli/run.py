@@ -122,10 +122,12 @@ def saved_if_interrupted(
             result = reached()
             if result is None and place.replaced is not None:
                 raise type(error)(f"nothing was reached; the earlier result in {place.directory} is kept") from None
+            what = f"what was reached is saved in {place.directory}"
             if result is None:
                 result = interrupted_result(asked)
+                what = f"nothing was reached yet, as the summary in {place.directory} says"
             save(result, asked, place)
-            raise type(error)(f"what was reached is saved in {place.directory}") from None
+            raise type(error)(what) from None
 
 
 def interrupted_result(asked: Asked) -> Result:
