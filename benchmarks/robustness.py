@@ -76,7 +76,7 @@ def examine(member: Member, *, certify: bool = False) -> Outcome:
     powers = [
         power
         for solution in references
-        if (power := Attempt("", solution).mean_power_W) is not None
+        if (power := Attempt("", solver, solution).mean_power_W) is not None
         # A better one than ours must be a cycle, too, and not an artefact of the mesh.
         and (shortfall_of(known, power) <= SHORTFALL or _holds(problem, solver, solution))
     ]

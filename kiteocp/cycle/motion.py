@@ -46,6 +46,7 @@ def motion(
     *,
     power_setting: Any = None,
     course: Any = None,
+    azimuth: Any = None,
     elevation_rate: Any = None,
 ) -> Motion:
     """Return the motion of a phase at a place.
@@ -63,12 +64,15 @@ def motion(
     course
         Mean course of crosswind flight, rad; that of the file, at which the manoeuvre is closed and keeps its
         elevation, where left out. Any other makes the manoeuvre climb or sink by the component that is left.
+    azimuth
+        Azimuth of crosswind flight, rad; that of the file where left out.
     elevation_rate
         Rate of the mean elevation of crosswind flight, rad/s, where it is steered itself; zero where left out.
     """
     position = nominal = kind.position(model, tether_length, elevation)
-    if course is not None:
-        position = Position(tether_length, elevation, nominal.azimuth, Course.of_angle(course))
+    if course is not None or azimuth is not None:
+        heading = nominal.course if course is None else Course.of_angle(course)
+        position = Position(tether_length, elevation, nominal.azimuth if azimuth is None else azimuth, heading)
     setting = kind.setting if power_setting is None else power_setting
     around = model.conditions(position, model.coefficients(setting))
     flight = equilibrium(model, position, around)

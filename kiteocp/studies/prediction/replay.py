@@ -15,9 +15,10 @@ import casadi as ca
 import numpy as np
 from numpy.typing import NDArray
 
-from kiteocp.physics.equilibrium import explicit_state
-from kiteocp.physics.kinematics import Course, radians
-from kiteocp.physics.model import Model, Position
+from kiteocp.cycle.motion import at_ground_force, motion
+from kiteocp.cycle.phases import TRACTION
+from kiteocp.physics.kinematics import radians
+from kiteocp.physics.model import Model
 from kiteocp.physics.parameters import ParameterValues, Structure, parameters_of
 from kiteocp.physics.wind import in_wind
 from kiteocp.recording.cleaning import FloatArray
@@ -243,8 +244,15 @@ def _state_function(structure: Structure) -> ca.Function:
     parameters, inputs = parameters_of(structure), ca.SX.sym("inputs", 6)
     model = Model(parameters)
     length, elevation, azimuth, course, setting, tension = ca.vertsplit(inputs)
-    position = Position(length, radians(elevation), radians(azimuth), Course.of_angle(radians(course)))
-    around = model.conditions(position, model.coefficients(setting))
-    state = explicit_state(model, position, around, model.radial_ground_force(around, tension, "ground"))
+    state = motion(
+        model,
+        TRACTION,
+        length,
+        radians(elevation),
+        at_ground_force(tension),
+        power_setting=setting,
+        course=radians(course),
+        azimuth=radians(azimuth),
+    ).flight
     outputs = ca.vertcat(state.reeling_speed, state.tangential_speed)
     return ca.Function("state", [inputs, parameters.vector], [ca.densify(outputs)])
