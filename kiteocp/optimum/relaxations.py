@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import lru_cache
 
 import numpy as np
 
 from kiteocp.ocp.elastic import ElasticProgram, ElasticSlack, PenaltyWeight
 from kiteocp.ocp.nlpsolver import Solution
-from kiteocp.ocp.trajectory import Trajectory
+from kiteocp.ocp.trajectory import Guess, Trajectory
 from kiteocp.optimum.program import Formulation, cycle_program
 from kiteocp.physics.parameters import ParameterValues, Structure
 from kiteocp.physics.wind import wind_keys
@@ -66,33 +67,37 @@ def unit_of(value: float) -> float:
     return value if value > 0 else 1.0
 
 
-def penalised_optimum(values: ParameterValues, formulation: Formulation, start: Trajectory) -> Solution | None:
+def penalised_optimum(
+    values: ParameterValues, formulation: Formulation, starts: Iterable[Trajectory | Guess]
+) -> Solution | None:
     """Optimise where the set of feasible cycles is too thin for the interior point method, by an exact penalty.
 
     At the edge of feasibility IPOPT calls problems infeasible even from a feasible point. The elastic program, with
-    the mean power as its objective and every slack at a large weight, has an interior and the same optimum.
+    the mean power as its objective and every slack at a large weight, has an interior and the same optimum. It has
+    local optima that keep a slack of less than a hundredth as well, so that one start is not enough.
 
     Parameters
     ----------
     values, formulation
         The problem, its own mesh included.
-    start
-        A feasible cycle, such as `Infeasibility.start`.
+    starts
+        Cycles to begin with, tried in turn; best first a feasible one, such as `Infeasibility.start`.
 
     Returns
     -------
     Solution or None
-        Of the cycle problem itself, with its multipliers, to about 1e-6; None if slacks remain.
+        Of the cycle problem itself, with its multipliers, to about 1e-6; None if slacks remain from every start.
     """
     elastic = elastic_program(values.structure, formulation)
-    x0 = elastic.program.pack(start)
-    # First without the objective: a start of another mesh may be out of reach of an optimum without slacks.
-    for share, heavy in ((0.0, 1.0), *((1.0, heavy) for heavy in HEAVY)):
-        penalties = {term.name: penalty_of(term, values, heavy) for term in elastic.terms}
-        found = elastic.solve(x0, values.vector, penalties, share)
-        solution = elastic.optimum(found)
-        if solution.success and share:
-            return solution
-        if found.success:
-            x0 = found.x
+    for start in starts:
+        x0 = elastic.program.pack(start)
+        # First without the objective: a start of another mesh may be out of reach of an optimum without slacks.
+        for share, heavy in ((0.0, 1.0), *((1.0, heavy) for heavy in HEAVY)):
+            penalties = {term.name: penalty_of(term, values, heavy) for term in elastic.terms}
+            found = elastic.solve(x0, values.vector, penalties, share)
+            solution = elastic.optimum(found)
+            if solution.success and share:
+                return solution
+            if found.success:
+                x0 = found.x
     return None

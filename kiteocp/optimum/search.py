@@ -127,7 +127,8 @@ def _rescue(solver: Solver, values: ParameterValues, formulation: Formulation) -
         attempt = Attempt("elastic", solver, solver.solve(program.pack(found.start), values.vector))
         if not attempt.solution.success:
             # At the edge of feasibility IPOPT may see no feasible point where it stands on one.
-            penalised = penalised_optimum(values, formulation, found.start)
+            crude = (guess_of(start, values, program) for start in (*STARTS, *rescue_starts()))
+            penalised = penalised_optimum(values, formulation, (found.start, *crude))
             if penalised is not None:
                 solution = solver.solve(penalised.x, values.vector, warm=penalised)
                 attempt = Attempt("exact penalty", solver, solution)

@@ -159,7 +159,7 @@ def test_a_cycle_at_the_edge_of_feasibility_is_found_by_penalty() -> None:
     assert not solves(values)
     found = explain(values, FORMULATION)
     assert found.start is not None
-    optimum = penalised_optimum(values, FORMULATION, found.start)
+    optimum = penalised_optimum(values, FORMULATION, [found.start])
     assert optimum is not None
     solver = cycle_solver(values.structure, FORMULATION, (("tol", 1e-8),))
     residuals = Optimality(solver.program).residuals
@@ -175,7 +175,7 @@ def test_no_optimum_is_made_up_where_slacks_remain() -> None:
     values = values_of(CAUSES["the floor too high for the tether"])
     crude = cycle_solver(values.structure, FORMULATION, ()).program
     start = crude.unpack(crude.pack(guess_of(STARTS[0], values, crude)), values.vector)
-    assert penalised_optimum(values, FORMULATION, start) is None
+    assert penalised_optimum(values, FORMULATION, [start]) is None
 
 
 def test_the_sentence_says_what_where_and_how_much() -> None:
