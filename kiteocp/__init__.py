@@ -72,35 +72,7 @@ _HOMES: dict[str, str] = {
     "validate_paper": "kiteocp.studies.paper.paper",
 }
 
-__all__ = [
-    "BatchResult",
-    "CycleError",
-    "FlightData",
-    "InputError",
-    "KiteocpError",
-    "NoEquilibriumError",
-    "Problem",
-    "Result",
-    "SolveError",
-    "__version__",
-    "crosswind",
-    "errors",
-    "estimate",
-    "export_schedule",
-    "flight_state",
-    "load_flight",
-    "load_problem",
-    "load_result",
-    "plots",
-    "representative_course",
-    "sensitivities",
-    "shipped_problems",
-    "simulate",
-    "simulate_batch",
-    "solve",
-    "validate_flight",
-    "validate_paper",
-]
+__all__ = ["__version__", *_MODULES, *_HOMES]  # noqa: PLE0604  (names, by the tables above)
 
 
 def __getattr__(name: str) -> Any:

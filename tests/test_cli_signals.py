@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 from made_flight import kitepower_rows, made_flight, write_csv
 
-from kiteocp.cli import list_problems
+from kiteocp.cli import list as list_problems
 from kiteocp.cli.main import main
 
 VERBS = {
@@ -106,9 +106,7 @@ def test_ctrl_c_at_thirty_instants(name: str, tmp_path: Path, flight: Path) -> N
         stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, check=False,
     )  # fmt: skip
     whole = time.monotonic() - began
-    heard = [
-        check(words, STARTED_S + (whole - STARTED_S) * index / 30, tmp_path / str(index)) for index in range(30)
-    ]
+    heard = [check(words, STARTED_S + (whole - STARTED_S) * index / 30, tmp_path / str(index)) for index in range(30)]
     # Else the test would have tested nothing; the last instants may come after the end.
     assert sum(heard) >= 10
 

@@ -22,6 +22,7 @@ ROOMS = (
     "_version",
     "errors",
     "execution",
+    "verbs",
     "numerics",
     "report",
     "ocp",

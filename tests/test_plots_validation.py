@@ -10,8 +10,9 @@ import pytest
 
 from kiteocp import load_problem, simulate
 from kiteocp.plots.style import BLUE, INK, phase_colour, save_figure
-from kiteocp.plots.validation import CAPTIONS, figures
+from kiteocp.plots.validation import figures
 from kiteocp.plots.validation_studies import draw_mass_isolines, isoline_levels
+from kiteocp.studies.paper.captions import CAPTIONS
 from kiteocp.studies.paper.convergence import Convergence, Curve
 from kiteocp.studies.paper.isolines import GravityIsolines, mass_isolines
 
@@ -47,7 +48,7 @@ def made_isolines(lift_to_drag=5.0):
 
 @pytest.fixture(scope="module")
 def drawn(cases):
-    return figures(cases, made_convergence(), made_isolines())
+    return {stem: draw() for stem, draw in figures(cases, made_convergence(), made_isolines()).items()}
 
 
 def lines_like(axes, x, y):

@@ -13,7 +13,6 @@ from kiteocp.errors import InputError
 if TYPE_CHECKING:
     from kiteocp.problem import Problem
 
-NAME = "check"
 HELP = "check problem files"
 
 

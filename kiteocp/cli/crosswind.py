@@ -7,14 +7,13 @@ import math
 from typing import TYPE_CHECKING
 
 from kiteocp.cli.parser import add_calculation, positive_number
-from kiteocp.cli.run import asked_of, conclude, failed_result, load, place_of, save, saved_if_interrupted
-from kiteocp.errors import InputError, NoEquilibriumError
+from kiteocp.cli.run import calculate
+from kiteocp.errors import InputError
 
 if TYPE_CHECKING:
     from kiteocp.problem import Problem
-    from kiteocp.result import Result
+    from kiteocp.studies.protocol import Study
 
-NAME = "crosswind"
 HELP = "resolve the crosswind manoeuvres of the traction, and find its representative course"
 
 #: As `kiteocp.studies.crosswind.path.PATHS`, which cannot be imported for the help without loading NumPy.
@@ -70,7 +69,6 @@ def run(arguments: argparse.Namespace) -> int:
     circle = arguments.path == "circle"
     if circle and arguments.azimuth_amplitude_deg is not None:
         raise InputError("--azimuth-amplitude-deg: a circle has one size; give --elevation-amplitude-deg, its radius")
-    problem = load(arguments.problem, arguments.overrides)
     options = {
         "path": None if arguments.path == "eight-down" else arguments.path,
         "azimuth-amplitude-deg": arguments.azimuth_amplitude_deg,
@@ -80,20 +78,14 @@ def run(arguments: argparse.Namespace) -> int:
         "reeling-speed-m-s": arguments.reeling_speed_m_s,
         "gravity": None if arguments.gravity else False,
     }
-    asked = asked_of(arguments, NAME, problem, options)
-    place = place_of(arguments, asked)
-    with saved_if_interrupted(asked, place):
-        result = _computed(problem, arguments)
-    return conclude(arguments, result, place, save(result, asked, place), _report)
 
+    def compute(problem: Problem) -> Study:
+        # Imported once the problem is known to be good: a mistake in it is answered without waiting for CasADi.
+        from kiteocp.studies.crosswind.report import crosswind_document  # noqa: PLC0415
+        from kiteocp.studies.crosswind.study import crosswind  # noqa: PLC0415
+        from kiteocp.studies.protocol import ResultStudy  # noqa: PLC0415
 
-def _computed(problem: Problem, arguments: argparse.Namespace) -> Result:
-    # Imported once the problem is known to be good: a mistake in it is answered without waiting for CasADi.
-    from kiteocp.studies.crosswind.study import crosswind  # noqa: PLC0415
-
-    circle = arguments.path == "circle"
-    try:
-        return crosswind(
+        found = crosswind(
             problem,
             arguments.path,
             centre_elevation_deg=arguments.centre_elevation_deg,
@@ -103,14 +95,9 @@ def _computed(problem: Problem, arguments: argparse.Namespace) -> Result:
             reeling_speed_m_s=arguments.reeling_speed_m_s,
             gravity=arguments.gravity,
         )
-    except NoEquilibriumError as error:
-        return failed_result(NAME, problem, error)
+        return ResultStudy(found, crosswind_document)
 
-
-def _report(result: Result) -> str:
-    from kiteocp.studies.crosswind.report import format_crosswind  # noqa: PLC0415  (keeps --help fast)
-
-    return format_crosswind(result)
+    return calculate(arguments, "crosswind", compute, options)
 
 
 def _number(text: str) -> float:

@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from kiteocp.cli.parser import add_output, add_overrides, number_from_zero, positive_number
-from kiteocp.cli.run import asked_of, conclude, digest_of, load, place_of, save, saved_if_interrupted
+from kiteocp.cli.run import asked_of, digest_of, load, place_of, run_study
 from kiteocp.errors import InputError
 
 if TYPE_CHECKING:
     from kiteocp.problem import Problem
     from kiteocp.studies.estimation.estimates import Estimation
 
-NAME = "estimate"
 HELP = "estimate the aerodynamics of a kite, and the wind, from flight data"
 
 #: Cycles that can be named in one range; a day of flight has some hundreds.
@@ -78,10 +77,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Estimate, save, print and draw."""
-    from kiteocp.result import write_atomically  # noqa: PLC0415
-    from kiteocp.studies.estimation.replacement import FILE, problem_yaml  # noqa: PLC0415  (keeps --help fast)
-    from kiteocp.studies.estimation.report import format_estimates  # noqa: PLC0415
-
     problem = load(arguments.system, arguments.overrides)
     flight = Path(arguments.flight)
     options = {
@@ -93,16 +88,8 @@ def run(arguments: argparse.Namespace) -> int:
         "ground-height": arguments.ground_height,
         **{name.replace("_", "-"): getattr(arguments, name) for name in UNKNOWNS},
     }
-    asked = asked_of(arguments, NAME, problem, options, flight.stem)
-    place = place_of(arguments, asked)
-    directory = place.directory
-    with saved_if_interrupted(asked, place):
-        estimation = _estimated(arguments, problem)
-        result = estimation.result()
-    written = save(result, asked, place)
-    write_atomically({directory / FILE: problem_yaml(estimation).encode()})
-    written.append(directory / FILE)
-    return conclude(arguments, result, place, written, format_estimates)
+    asked = asked_of(arguments, "estimate", problem, options, flight.stem)
+    return run_study(arguments, asked, place_of(arguments, asked), lambda: _estimated(arguments, problem))
 
 
 def _estimated(arguments: argparse.Namespace, problem: Problem) -> Estimation:

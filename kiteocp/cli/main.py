@@ -6,32 +6,18 @@ import argparse
 import signal
 import sys
 from collections.abc import Sequence
+from importlib import import_module
 from types import ModuleType
 
 import kiteocp
-from kiteocp.cli import (
-    check,
-    crosswind,
-    estimate,
-    list_problems,
-    new,
-    plot,
-    schema,
-    sensitivity,
-    simulate,
-    solve,
-    validate,
-)
+from kiteocp import verbs
 from kiteocp.cli.output import complain, prepare_streams, say
 from kiteocp.cli.parser import Parser, nearest
 from kiteocp.errors import InputError, KiteocpError
 from kiteocp.execution import Terminated, interruptible, was_interrupted
 
-#: The verbs, in the order of the help: one module each.
-VERBS: dict[str, ModuleType] = {
-    module.NAME: module
-    for module in (list_problems, new, check, schema, simulate, solve, sensitivity, crosswind, validate, estimate, plot)
-}
+#: The module of each verb, in the order of the help.
+VERBS: dict[str, ModuleType] = {verb.name: import_module(f"kiteocp.cli.{verb.name}") for verb in verbs.VERBS}
 
 EXIT_FAILED = 1
 EXIT_INTERRUPTED = 130

@@ -9,7 +9,6 @@ from pathlib import Path
 from kiteocp.cli.output import say
 from kiteocp.errors import InputError
 
-NAME = "new"
 HELP = "write a commented problem file (or column map) to start from"
 
 

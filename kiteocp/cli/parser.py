@@ -9,8 +9,7 @@ from collections.abc import Iterable
 from typing import NoReturn
 
 from kiteocp.errors import InputError
-
-PICTURE_FORMATS: tuple[str, ...] = ("png", "svg", "pdf")
+from kiteocp.verbs import PICTURE_FORMATS
 
 
 class Parser(argparse.ArgumentParser):

@@ -9,7 +9,6 @@ from kiteocp.cli.output import say
 from kiteocp.cli.parser import add_picture_format
 from kiteocp.errors import InputError
 
-NAME = "plot"
 HELP = "draw a saved result again"
 
 

@@ -1,4 +1,4 @@
-"""What the verbs share that compute a result from one problem: load, compute, save, print, draw."""
+"""The one way of every verb that computes: load, compute, save, print, draw."""
 
 from __future__ import annotations
 
@@ -8,18 +8,26 @@ import hashlib
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from kiteocp.cli.output import complain, say
 from kiteocp.cli.place import Asked, Place, choose_place
-from kiteocp.errors import CycleError, InfeasibleError, InputError, NoEquilibriumError, SolveError
+from kiteocp.cli.progress import Progress
+from kiteocp.errors import CycleError, InputError, NoEquilibriumError, SolveError
 from kiteocp.execution import uninterrupted
+from kiteocp.verbs import PICTURE_FORMATS
 
 if TYPE_CHECKING:
     from kiteocp.problem import Problem
     from kiteocp.result import Result
+    from kiteocp.studies.protocol import Study
+
+#: The page of a study that has one.
+PAGE_FILE = "report.html"
+
+#: Pictures that are named one by one; of more their number is told.
+NAMED = 4
 
 
 def load(name_or_path: str, overrides: list[str]) -> Problem:
@@ -44,18 +52,10 @@ def asked_of(
     return Asked(verb, problem, as_it_stands, given, spare_words)
 
 
-def place_of(arguments: argparse.Namespace, asked: Asked) -> Place:
-    """Return where a verb writes: ``-o``, or ``results/<problem>/<verb>`` under the working directory."""
-    return choose_place(arguments.output, asked, Path("results") / asked.problem.name, asked.verb)
-
-
 def calculate(
-    arguments: argparse.Namespace, verb: str, compute: Callable[[Problem], Result], options: Mapping[str, Any]
+    arguments: argparse.Namespace, verb: str, compute: Callable[[Problem], Study], options: Mapping[str, Any]
 ) -> int:
-    """Run one calculation and return the exit status.
-
-    A calculation that cannot succeed for this problem still leaves a ``summary.json``, with its status and message, and
-    so does one that is interrupted where there is no earlier result.
+    """Load the problem, run one calculation, and return the exit status.
 
     Parameters
     ----------
@@ -64,9 +64,53 @@ def calculate(
     verb : str
         Name of the verb, for the output directory and the summary.
     compute : callable
-        From the problem to the result.
+        From the problem to the study.
     options : mapping
         Options of the verb that shape the result; None where one is at its default.
+
+    Raises
+    ------
+    InputError
+        If the problem is wrong or the directory cannot be written to.
+    """
+    problem = load(arguments.problem, arguments.overrides)
+    asked = asked_of(arguments, verb, problem, options)
+    return run_study(arguments, asked, place_of(arguments, asked), lambda: compute(problem))
+
+
+def place_of(arguments: argparse.Namespace, asked: Asked) -> Place:
+    """Return where a verb writes: ``-o``, or ``results/<problem>/<verb>`` under the working directory."""
+    return choose_place(arguments.output, asked, Path("results") / asked.problem.name, asked.verb)
+
+
+def run_study(
+    arguments: argparse.Namespace,
+    asked: Asked | None,
+    place: Place,
+    compute: Callable[[], Study],
+    *,
+    reached: Callable[[], Study | None] = lambda: None,
+    formats: tuple[str, ...] = ("png",),
+) -> int:
+    """Compute a study, save, print and draw it, and return the exit status.
+
+    A calculation that cannot succeed for this problem still leaves a ``summary.json``, with its status and message, and
+    so does one that is interrupted where there is no earlier result.
+
+    Parameters
+    ----------
+    arguments
+        With what `kiteocp.cli.parser.add_output` adds.
+    asked
+        What is asked; None for a study whose input is always the same.
+    place
+        Where it goes.
+    compute
+        Returns the study.
+    reached
+        Returns what was reached when `compute` is interrupted, None where that is nothing.
+    formats
+        Of the pictures, where none is asked for.
 
     Returns
     -------
@@ -76,39 +120,58 @@ def calculate(
     Raises
     ------
     InputError
-        If the problem is wrong or the directory cannot be written to.
+        If a file or standard output cannot be written.
     """
-    problem = load(arguments.problem, arguments.overrides)
-    asked = asked_of(arguments, verb, problem, options)
-    place = place_of(arguments, asked)
-    with saved_if_interrupted(asked, place):
+    with _saved_if_interrupted(asked, place, reached):
         try:
-            result = compute(problem)
+            study = compute()
         except (CycleError, NoEquilibriumError, SolveError) as error:
-            result = failed_result(verb, problem, error)
+            if asked is None:
+                raise
+            from kiteocp.studies.protocol import ResultStudy, failed_result  # noqa: PLC0415
+
+            study = ResultStudy(failed_result(asked.verb, asked.problem, error))
     # The numbers first: a picture that cannot be drawn must not cost them.
-    return conclude(arguments, result, place, save(result, asked, place))
+    result, directory = study.result(), place.directory
+    written = _save(result, study, asked, place)
+    try:
+        document = study.document()
+        say(json.dumps(result.summary(), indent=2, ensure_ascii=False) if arguments.json else document.text())
+        try:
+            pictures = []
+            if arguments.plot and study.figures():
+                from kiteocp.plots.pictures import draw_study  # noqa: PLC0415  (matplotlib only where it is wanted)
+
+                with Progress("pictures drawn") as progress:
+                    pictures = draw_study(study, directory, arguments.formats or formats, written, progress)
+            if document.page:
+                from kiteocp.result import write_atomically  # noqa: PLC0415
+
+                write_atomically({directory / PAGE_FILE: document.html(pictures).encode()})
+                written.insert(1, directory / PAGE_FILE)
+        finally:
+            _tell_written(arguments, place, written, apart=document.page)
+    except KeyboardInterrupt as error:
+        raise type(error)(f"the numbers are saved in {directory}") from None
+    if not result.succeeded:
+        message = result.details.get("message") or "the calculation did not succeed"
+        complain(f"{result.problem.name}: {result.status}: {message}; what was reached is saved in {directory}")
+        return 1
+    return 0
 
 
-def save(result: Result, asked: Asked, place: Place) -> list[Path]:
-    """Save a result with the options it was asked for, and return the files."""
-    if asked.options:
+def _save(result: Result, study: Study, asked: Asked | None, place: Place) -> list[Path]:
+    """Save the result of a study with the options it was asked for, and its files; return what was written."""
+    if asked is not None and asked.options:
         result.details["options"] = dict(asked.options)
-    return result.save(place.directory)
+    return result.save(place.directory, study.files())
 
 
 @contextlib.contextmanager
-def saved_if_interrupted(
-    asked: Asked, place: Place, reached: Callable[[], Result | None] = lambda: None
-) -> Iterator[None]:
+def _saved_if_interrupted(asked: Asked | None, place: Place, reached: Callable[[], Study | None]) -> Iterator[None]:
     """Save what was reached if the block is interrupted, and say where it is.
 
-    Parameters
-    ----------
-    asked, place
-        What was asked, and where it goes.
-    reached : callable
-        Returns what was reached, None where that is nothing: then an earlier result is kept.
+    Where that is nothing, an earlier result is kept.
 
     Raises
     ------
@@ -119,104 +182,34 @@ def saved_if_interrupted(
         yield
     except KeyboardInterrupt as error:
         with uninterrupted():
-            result = reached()
-            if result is None and place.replaced is not None:
+            study = reached()
+            if study is None and place.replaced is not None:
                 raise type(error)(f"nothing was reached; the earlier result in {place.directory} is kept") from None
+            if asked is None:
+                raise type(error)("nothing was reached, and nothing written") from None
             what = f"what was reached is saved in {place.directory}"
-            if result is None:
-                result = interrupted_result(asked)
+            if study is None:
+                from kiteocp.studies.protocol import ResultStudy, interrupted_result  # noqa: PLC0415
+
+                study = ResultStudy(interrupted_result(asked.verb, asked.problem))
                 what = f"nothing was reached yet, as the summary in {place.directory} says"
-            save(result, asked, place)
+            _save(study.result(), study, asked, place)
             raise type(error)(what) from None
 
 
-def interrupted_result(asked: Asked) -> Result:
-    """Return a result without numbers that says that the calculation was interrupted."""
-    from kiteocp.result import Result  # noqa: PLC0415  (keeps --help fast)
-
-    return Result(
-        verb=asked.verb,
-        problem=asked.problem,
-        status="interrupted",
-        details={"message": "interrupted before there was a result"},
-    )
-
-
-def conclude(
-    arguments: argparse.Namespace,
-    result: Result,
-    place: Place,
-    written: list[Path],
-    report: Callable[[Result], str] = str,
-) -> int:
-    """Print a saved result, draw it where asked to, say what was written, and return the exit status.
-
-    Parameters
-    ----------
-    arguments : argparse.Namespace
-        With what `kiteocp.cli.parser.add_calculation` adds.
-    result : Result
-        What was computed.
-    place : Place
-        Where it was saved and its pictures go.
-    written : list of pathlib.Path
-        The files written so far.
-    report : callable
-        From the result to the text that is printed without ``--json``.
-
-    Returns
-    -------
-    int
-        0, or 1 where the status of the result is not one of success.
-
-    Raises
-    ------
-    InputError
-        If a picture or standard output cannot be written.
-    """
-    # What went wrong goes to standard error, below, and is not said twice.
-    details = {key: value for key, value in result.details.items() if result.succeeded or key != "message"}
-    shown = replace(result, details=details)
-    directory = place.directory
-    try:
-        say(json.dumps(result.summary(), indent=2, ensure_ascii=False) if arguments.json else report(shown))
-        try:
-            # A calculation that failed holds no numbers, and so nothing to draw.
-            if arguments.plot and (result.channels or "sensitivities" in result.details):
-                from kiteocp.plots import draw  # noqa: PLC0415  (matplotlib only where a picture is wanted)
-
-                written = written + draw(result, directory, arguments.formats or ("png",))
-        finally:
-            tell_written(arguments, place, ", ".join(str(path) for path in written))
-    except KeyboardInterrupt as error:
-        raise type(error)(f"the numbers are saved in {directory}") from None
-    if not result.succeeded:
-        message = result.details.get("message") or "the calculation did not succeed"
-        complain(f"{result.problem.name}: {result.status}: {message}; what was reached is saved in {directory}")
-        return 1
-    return 0
-
-
-def tell_written(arguments: argparse.Namespace, place: Place, files: str, *, apart: bool = False) -> None:
-    """Say what was written, apart from what is above it or not, and which earlier result is gone (not into JSON)."""
+def _tell_written(arguments: argparse.Namespace, place: Place, files: list[Path], *, apart: bool) -> None:
+    """Say what was written, apart from what is above or not, and which earlier result is gone (not into JSON)."""
     if not arguments.json:
-        say(("\n" if apart else "") + f"written: {files}")
+        pictures = [path for path in files if path.suffix.removeprefix(".") in PICTURE_FORMATS]
+        stems = dict.fromkeys(path.stem for path in pictures)
+        told, also = files, ""
+        if len(stems) > NAMED:
+            told = [path for path in files if path not in pictures]
+            suffixes = ", ".join(dict.fromkeys(path.suffix.removeprefix(".") for path in pictures))
+            also = f", and {len(stems)} pictures beside them as {suffixes}"
+        say(("\n" if apart else "") + f"written: {', '.join(map(str, told))}{also}")
     if place.replaced is not None:
         (complain if arguments.json else say)(place.replaced)
-
-
-def failed_result(verb: str, problem: Problem, error: CycleError | NoEquilibriumError | SolveError) -> Result:
-    """Return a result without numbers that says why there are none."""
-    from kiteocp.result import Result  # noqa: PLC0415  (keeps --help fast)
-
-    return Result(
-        verb=verb,
-        problem=problem,
-        # No cycle exists where a state of it has no equilibrium; a solver that found none proves nothing.
-        status="failed" if isinstance(error, SolveError) and not isinstance(error, InfeasibleError) else "infeasible",
-        warnings=tuple(problem.warnings()),
-        details={"message": str(error), "facts": error.facts, "explanation": dict(error.explanation)},
-    )
 
 
 def digest_of(flight: Path) -> str:

@@ -7,7 +7,6 @@ import json
 
 from kiteocp.cli.output import say
 
-NAME = "schema"
 HELP = "print the JSON Schema of problem files"
 
 

@@ -11,9 +11,8 @@ from kiteocp.errors import CycleError
 
 if TYPE_CHECKING:
     from kiteocp.problem import Problem
-    from kiteocp.result import Result
+    from kiteocp.studies.protocol import Study
 
-NAME = "simulate"
 HELP = "simulate the prescribed cycle"
 
 
@@ -34,17 +33,18 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Simulate, save, print and draw."""
 
-    def compute(problem: Problem) -> Result:
+    def compute(problem: Problem) -> Study:
         # Imported once the problem is known to be good: a mistake in it is answered without waiting for CasADi.
         from kiteocp.cycle import simulate  # noqa: PLC0415
         from kiteocp.cycle.remedies import explain_simulation  # noqa: PLC0415
+        from kiteocp.studies.protocol import ResultStudy  # noqa: PLC0415
 
         try:
-            return simulate(problem, gravity=arguments.gravity, time_step=arguments.time_step)
+            return ResultStudy(simulate(problem, gravity=arguments.gravity, time_step=arguments.time_step))
         except CycleError as error:
             found = explain_simulation(problem, error, gravity=arguments.gravity)
             error.explain(found.sentence, found.to_dict())
             raise
 
     options = {"gravity": None if arguments.gravity else False, "time-step": arguments.time_step}
-    return calculate(arguments, NAME, compute, options)
+    return calculate(arguments, "simulate", compute, options)

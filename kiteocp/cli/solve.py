@@ -13,10 +13,9 @@ from kiteocp.cli.run import calculate
 
 if TYPE_CHECKING:
     from kiteocp.problem import Problem
-    from kiteocp.result import Result
+    from kiteocp.studies.protocol import Study
     from kiteocp.studies.winch.export import WinchExport
 
-NAME = "solve"
 HELP = "find the optimal cycle and compare it with the prescribed one"
 
 
@@ -44,12 +43,14 @@ def run(arguments: argparse.Namespace) -> int:
 
         check_writable(Path(arguments.export))
 
-    def compute(problem: Problem) -> Result:
+    def compute(problem: Problem) -> Study:
         # Imported once the problem is known to be good: a mistake in it is answered without waiting for CasADi.
+        from kiteocp.studies.protocol import ResultStudy  # noqa: PLC0415
+
         if arguments.export is None:
             from kiteocp.optimum.solve import solve  # noqa: PLC0415
 
-            return solve(problem, certificate=arguments.certificate)
+            return ResultStudy(solve(problem, certificate=arguments.certificate))
         from kiteocp.optimum.refine import optimise  # noqa: PLC0415
         from kiteocp.optimum.solve import result_of  # noqa: PLC0415
         from kiteocp.studies.winch.export import winch_export  # noqa: PLC0415
@@ -59,10 +60,10 @@ def run(arguments: argparse.Namespace) -> int:
         result = result_of(optimum, time.perf_counter() - began)
         exports.append(winch_export(optimum))
         result.details["winch"] = exports[0].to_dict()
-        return result
+        return ResultStudy(result)
 
     options = {"certificate": None if arguments.certificate == "full" else arguments.certificate}
-    status = calculate(arguments, NAME, compute, options)
+    status = calculate(arguments, "solve", compute, options)
     for export in exports:
         written = export.save(Path(arguments.export))
         if not arguments.json:

@@ -155,18 +155,14 @@ class PhaseTrajectory:
     def guess(self) -> PhaseGuess:
         """Return this phase as a start for any mesh."""
         phase, mesh = self.phase, self.mesh
-        profiles: dict[str, Profile] = {
-            v.name: partial(self._profile, v.name, mesh.state_matrix) for v in phase.states
-        }
+        profiles: dict[str, Profile] = {v.name: partial(self._profile, v.name, mesh.state_matrix) for v in phase.states}
         for v in (*phase.algebraics, *phase.controls):
             profiles[v.name] = partial(
                 self._profile, v.name, mesh.continuous_matrix if v.continuous else mesh.control_matrix
             )
         return PhaseGuess(self.duration, profiles)
 
-    def _profile(
-        self, name: str, matrix: Callable[[ArrayLike], FloatArray], fractions: FloatArray
-    ) -> FloatArray:
+    def _profile(self, name: str, matrix: Callable[[ArrayLike], FloatArray], fractions: FloatArray) -> FloatArray:
         return np.asarray(matrix(fractions) @ self.values[name], dtype=np.float64)
 
 

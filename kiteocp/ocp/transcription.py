@@ -257,9 +257,7 @@ def _add_point_rows(rows: _Entries, phase: Phase, place: tuple[int, PhaseMesh], 
     rows.append(constraints, paths, _point_labels("path", phase, mesh, index, paths))
 
 
-def _add_rate_rows(
-    rows: _Entries, phase: Phase, place: tuple[int, PhaseMesh], so_far: tuple[list[Any], Any]
-) -> None:
+def _add_rate_rows(rows: _Entries, phase: Phase, place: tuple[int, PhaseMesh], so_far: tuple[list[Any], Any]) -> None:
     """Add the rate limits of one interval: as many rows as steps between its points and from the interval before."""
     (interval, mesh), (quantities, duration) = place, so_far
     if not phase.rate_limits:

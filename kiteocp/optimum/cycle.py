@@ -131,9 +131,7 @@ def _coefficients(phase: PhaseTrajectory, control: Variable) -> np.ndarray:
     return coefficients
 
 
-def _record(
-    values: ParameterValues, trajectory: Trajectory, schedule: Schedule, fractions: np.ndarray
-) -> PhaseRecord:
+def _record(values: ParameterValues, trajectory: Trajectory, schedule: Schedule, fractions: np.ndarray) -> PhaseRecord:
     """Sample a phase at fractions of its time, increasing."""
     phase = trajectory[schedule.name]
     time = fractions * phase.duration

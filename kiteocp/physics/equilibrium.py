@@ -188,9 +188,7 @@ OUTPUTS = (
 
 def outputs_of(state: FlightState) -> dict[str, Any]:
     """Return the quantities of `OUTPUTS` by name."""
-    return {
-        name: getattr(state, name) if hasattr(state, name) else getattr(state.conditions, name) for name in OUTPUTS
-    }
+    return {name: getattr(state, name) if hasattr(state, name) else getattr(state.conditions, name) for name in OUTPUTS}
 
 
 @lru_cache(maxsize=32)

@@ -43,15 +43,6 @@ LAW_STYLES: dict[str, dict[str, Any]] = {
 #: Deviations beyond this are drawn at the edge, with an arrow.
 LARGEST_DEVIATION = 1.0
 
-CAPTIONS = {
-    "cycle": "One cycle as flown, and as the model flies it: each phase at constant force from where it began, and "
-    "along the flown path with the flown force, the flown reeling speed and the law of the winch.",
-    "side_view": "Side view: height over the distance downwind, as flown and by the paper's laws.",
-    "comparison": "Deviation of the model from the flight, by phase and quantity; one mark for each cycle, its line "
-    "the 95 % band of the prediction. Dashed: 10 %.",
-    "optimum": "From the flown to the optimal mean cycle power: what brings the difference.",
-}
-
 
 def figures(study: FlightStudy) -> dict[str, Callable[[], Figure]]:
     """Return by file stem what draws each figure of a study."""
@@ -65,13 +56,6 @@ def figures(study: FlightStudy) -> dict[str, Callable[[], Figure]]:
     if optimum is not None:
         drawn["optimum"] = lambda: draw_optimum(optimum)
     return drawn
-
-
-def caption(stem: str) -> str:
-    """Return the caption of a figure by its stem."""
-    kind = stem.rstrip("0123456789").rstrip("_")
-    text = CAPTIONS[kind]
-    return text if kind == stem else f"Cycle {stem.rpartition('_')[2]}. {text}"
 
 
 def draw_cycle(study: FlightStudy, cycle: CycleComparison) -> Figure:

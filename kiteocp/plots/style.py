@@ -129,13 +129,18 @@ def save_figure(figure: Figure, path: Path, formats: Sequence[str]) -> list[Path
     for suffix in formats:
         if suffix not in FORMATS:
             raise InputError(f"picture format '{suffix}' is not known; choose from {', '.join(FORMATS)}")
-        stream = io.BytesIO()
-        # No date, so that the same result gives the same file.
-        metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(suffix)
-        options: dict[str, Any] = {"pil_kwargs": {"compress_level": _PNG_COMPRESSION}} if suffix == "png" else {}
-        # The names inside an SVG are random without a salt.
-        with rc_context({"svg.hashsalt": "kiteocp"}):
-            figure.savefig(stream, format=suffix, dpi=_DPI, metadata=metadata, **options)
-        contents[path.with_name(f"{path.name}.{suffix}")] = stream.getvalue()
+        contents[path.with_name(f"{path.name}.{suffix}")] = figure_bytes(figure, suffix)
     write_atomically(contents)
     return list(contents)
+
+
+def figure_bytes(figure: Figure, suffix: str) -> bytes:
+    """Return a figure as the content of a file; the same figure gives the same bytes."""
+    stream = io.BytesIO()
+    # No date, so that the same result gives the same file.
+    metadata = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(suffix)
+    options: dict[str, Any] = {"pil_kwargs": {"compress_level": _PNG_COMPRESSION}} if suffix == "png" else {}
+    # The names inside an SVG are random without a salt.
+    with rc_context({"svg.hashsalt": "kiteocp"}):
+        figure.savefig(stream, format=suffix, dpi=_DPI, metadata=metadata, **options)
+    return stream.getvalue()

@@ -25,7 +25,6 @@ ANOTHER_UNIT = 4.0
 COURSE_SPEED_M_S, COURSE_DISAGREES_DEG, DOUBTFUL_COURSES = 5.0, 45.0, 0.1
 
 
-
 def contradictions(
     flight: FlightData,
     layout: ColumnMap,

@@ -61,9 +61,7 @@ def velocity_contradictions(flight: FlightData, layout: ColumnMap) -> list[str]:
     recorded = flight.radial_speed_m_s, flight.polar_speed_m_s, flight.azimuthal_speed_m_s
     east, north, up = (
         derivative(flight.time_s, part)
-        for part in cartesian(
-            flight.distance_m, flight.elevation_deg, flight.downwind_bearing_deg - flight.azimuth_deg
-        )
+        for part in cartesian(flight.distance_m, flight.elevation_deg, flight.downwind_bearing_deg - flight.azimuth_deg)
     )
     frame = (flight.elevation_deg, flight.azimuth_deg, flight.downwind_bearing_deg)
     moved: tuple[FloatArray, ...]

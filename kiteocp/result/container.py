@@ -7,6 +7,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -14,10 +15,11 @@ import numpy.typing as npt
 
 from kiteocp._version import __version__
 from kiteocp.problem import Problem
+from kiteocp.report.document import Document
 from kiteocp.result.channels import CYCLE_KEYS, PHASE_KEYS, PHASES, suggest, unit_of
 from kiteocp.result.contract import HEAD_KEYS, OUTCOME_KEYS, SCHEMA_VERSION, STATUSES, SUCCESSFUL_STATUSES, to_plain
 from kiteocp.result.storage import save_result
-from kiteocp.result.table import format_result
+from kiteocp.result.table import result_document
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -87,7 +89,7 @@ class Result:
         return f"<Result {self.verb} of {self.problem.name}: {self.status}, {samples} samples>"
 
     def __str__(self) -> str:
-        return format_result(self)
+        return self.document().text()
 
     def __getitem__(self, name: str) -> npt.NDArray[Any]:
         """Return the time series of one channel, shape (n,); see `channel`."""
@@ -177,7 +179,11 @@ class Result:
             "cycle": dict.fromkeys(CYCLE_KEYS) | self.cycle,
         }
 
-    def save(self, directory: str | Path) -> list[Path]:
+    def document(self) -> Document:
+        """Return what it says to a person: the table, active limits, certificate and warnings."""
+        return result_document(self)
+
+    def save(self, directory: str | Path, files: Mapping[str, bytes] = MappingProxyType({})) -> list[Path]:
         """Write ``summary.json`` and, where there are channels, ``timeseries.csv`` into a directory.
 
         The files appear whole or not at all. Beside an optimum, ``timeseries_prescribed.csv`` holds the prescribed
@@ -187,6 +193,8 @@ class Result:
         ----------
         directory : str or pathlib.Path
             Made where it does not exist.
+        files : mapping of str to bytes
+            What else belongs to the result, by file name.
 
         Returns
         -------
@@ -199,4 +207,4 @@ class Result:
             If the directory cannot be written to, or the disk is full; what was there is kept.
 
         """
-        return save_result(self, Path(directory))
+        return save_result(self, Path(directory), files)

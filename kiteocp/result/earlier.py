@@ -8,30 +8,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-SUMMARY_FILE = "summary.json"
-PICTURE_FORMATS = ("png", "svg", "pdf")
+from kiteocp.verbs import verb_named
 
-#: Files that each verb writes beside its summary, and the stems of its pictures, as patterns.
-_FILES: dict[str, tuple[str, ...]] = {
-    "simulate": ("timeseries.csv",),
-    "solve": ("timeseries.csv", "timeseries_prescribed.csv"),
-    "sensitivity": ("variation.csv", "global.csv", "timeseries.csv", "timeseries_prescribed.csv"),
-    "crosswind": ("timeseries.csv",),
-    "estimate": ("estimated.yaml", "timeseries.csv"),
-    "validate": ("report.html", "timeseries.csv", "timeseries_prescribed.csv"),
-}
-PICTURES: dict[str, tuple[str, ...]] = {
-    "simulate": ("cycle",),
-    "solve": ("cycle",),
-    "sensitivity": ("sensitivity", "variation", "global"),
-    "crosswind": ("crosswind",),
-    "estimate": ("estimate",),
-    "validate": (
-        *("side_view", "angular_coordinates", "tether_length", "reeling_speed", "flight_speed", "wind_speed"),
-        *("tether_force", "power", "convergence", "mass_isolines"),
-        *("cycle_*", "side_view_*", "comparison", "optimum"),
-    ),
-}
+SUMMARY_FILE = "summary.json"
 
 
 @dataclass(frozen=True)
@@ -52,7 +31,8 @@ class Earlier:
     @property
     def of_kiteocp(self) -> bool:
         """Whether kiteocp wrote it."""
-        return self.verb in _FILES
+        verb = verb_named(self.verb)
+        return verb is not None and bool(verb.files)
 
 
 def earlier_result(directory: Path) -> Earlier | None:
@@ -71,9 +51,10 @@ def earlier_result(directory: Path) -> Earlier | None:
 
 def files_of(verb: str, directory: Path) -> list[Path]:
     """Return the files in a directory that have names a verb writes, the summary not among them."""
-    patterns = [*_FILES.get(verb, ())]
-    patterns += [f"{stem}.{suffix}" for stem in PICTURES.get(verb, ()) for suffix in PICTURE_FORMATS]
-    return sorted({path for pattern in patterns for path in directory.glob(pattern) if path.is_file()})
+    known = verb_named(verb)
+    return sorted(
+        {path for pattern in (known.patterns if known else ()) for path in directory.glob(pattern) if path.is_file()}
+    )
 
 
 def stale_files(directory: Path, written: Iterable[Path] = ()) -> list[Path]:

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import csv
-import io
 import json
-import math
 import os
 import tempfile
 from collections.abc import Iterable, Mapping
@@ -17,6 +14,7 @@ import numpy.typing as npt
 
 from kiteocp.errors import InputError
 from kiteocp.execution import uninterrupted
+from kiteocp.report.table import csv_bytes
 from kiteocp.result.channels import TIME_SERIES_CHANNELS
 from kiteocp.result.earlier import SUMMARY_FILE, stale_files
 
@@ -110,7 +108,7 @@ def _umask() -> int:
     return mask
 
 
-def save_result(result: Result, directory: Path) -> list[Path]:
+def save_result(result: Result, directory: Path, files: Mapping[str, bytes]) -> list[Path]:
     """Write a result into a directory; see `Result.save`."""
     summary = json.dumps(result.summary(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     contents = {directory / SUMMARY_FILE: summary.encode()}
@@ -118,6 +116,7 @@ def save_result(result: Result, directory: Path) -> list[Path]:
         contents[directory / TIME_SERIES_FILE] = format_time_series(result.channels)
     if result.prescribed is not None and result.prescribed.channels:
         contents[directory / PRESCRIBED_FILE] = format_time_series(result.prescribed.channels)
+    contents |= {directory / name: content for name, content in files.items()}
     write_atomically(contents, remove=stale_files(directory, contents))
     return list(contents)
 
@@ -126,12 +125,4 @@ def format_time_series(channels: Mapping[str, npt.NDArray[Any]]) -> bytes:
     """Return channels as CSV, the contract's columns first; numbers read back exactly, an empty cell is not finite."""
     names = [name for name in TIME_SERIES_CHANNELS if name in channels]
     names += [name for name in channels if name not in names]
-    columns = [
-        [value if isinstance(value, str) else repr(value) if math.isfinite(value) else "" for value in column]
-        for column in (channels[name].tolist() for name in names)
-    ]
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerow(names)
-    writer.writerows(zip(*columns, strict=True))
-    return stream.getvalue().encode()
+    return csv_bytes(names, zip(*(channels[name].tolist() for name in names), strict=True))

@@ -2,104 +2,80 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
+from kiteocp.report.document import Document, Lines, Part
+from kiteocp.report.table import Cell, Column, Table
 from kiteocp.result.channels import DIMENSIONLESS, MEAN_POWERS, unit_of
 
 if TYPE_CHECKING:
     from kiteocp.result.container import Result
 
-_UNITS = ("s", "kW", "kJ", "m", "deg")
-_NO_VALUE = "-"
 #: The energy that belongs to a mean power.
 ENERGIES = {"mean_power_W": "energy_J", "mean_electrical_power_W": "electrical_energy_J"}
 #: Share of the time of a phase from which on a limit holds, not just touches.
 LASTING_SHARE = 0.005
 
 
-def format_result(result: Result) -> str:
-    """Return the table of a result.
-
-    Parameters
-    ----------
-    result : Result
-        Of any verb and status.
-
-    Returns
-    -------
-    str
-        Several lines of plain ASCII (beside what the problem file holds), without a newline at the end.
-
-    """
+def result_document(result: Result) -> Document:
+    """Return what a result says to a person, of any verb and status: plain ASCII beside what the problem file holds."""
     title = result.problem.name
     description = getattr(result.problem, "description", None)
-    lines = [f"{title}: {description}" if description else title, f"{result.verb}: {result.status}"]
+    status = f"{result.verb}: {result.status}"
     if message := result.details.get("message"):
-        lines[1] += f" - {message}"
+        status += f" - {message}"
+    parts: list[Part] = [Lines([status], joined=True)]
     if result.phases or (result.prescribed is not None and result.prescribed.phases):
-        lines += ["", *_format_cycles(result), "", *_format_facts(result)]
-    lines += _format_active_limits(result.details.get("active_limits") or {})
+        parts += [_cycles(result), Lines(_format_facts(result))]
+    notes = _format_active_limits(result.details.get("active_limits") or {})
     if solver := result.details.get("solver"):
-        lines.append(f"solver: {_format_solver(solver, result.details.get('meshes') or [])}")
-    lines += _format_certificate(result.details.get("certificate") or {})
-    lines += [f"warning: {text}" for text in result.warnings]
-    return "\n".join(lines)
+        notes.append(f"solver: {_format_solver(solver, result.details.get('meshes') or [])}")
+    notes += _format_certificate(result.details.get("certificate") or {})
+    notes += [f"warning: {text}" for text in result.warnings]
+    return Document(f"{title}: {description}" if description else title, [*parts, Lines(notes, joined=True)])
 
 
-def _format_cycles(result: Result) -> list[str]:
+def _cycles(result: Result) -> Table:
     """Return the table proper: a block of rows for each phase, one row for each cycle compared."""
     cycles = {"": result}
     if result.prescribed is not None:
         cycles = {"optimal": result, "prescribed": result.prescribed}
     power, title = mean_power_of(result)
-    header = ("duration", title, "energy", "tether length", "elevation")
-    rows: list[tuple[str, ...]] = [("", "", *header), ("", "", *_UNITS)]
-    names = dict.fromkeys(name for cycle in cycles.values() for name in cycle.phases)
-    for name in names:
-        rows += [_row(name, label, cycle.phases.get(name, {}), power) for label, cycle in cycles.items()]
-    if any(cycle.cycle.get("phase_change_time_total_s") for cycle in cycles.values()):
-        for label, cycle in cycles.items():
-            duration = {"duration_s": cycle.cycle.get("phase_change_time_total_s")}
-            rows.append(_row("phase changes", label, duration, power))
-    rows += [_row("cycle", label, cycle.cycle, power) for label, cycle in cycles.items()]
-    # A phase is named once; the rows below it are the other cycles.
-    shown = [(row[0] if index == 0 or row[0] != rows[index - 1][0] else "", *row[1:]) for index, row in enumerate(rows)]
-    widths = [max(len(row[column]) for row in shown) for column in range(len(shown[0]))]
-    lines = []
-    for row in shown:
-        left = [cell.ljust(width) for cell, width in zip(row[:2], widths[:2], strict=True) if width]
-        right = [cell.rjust(width) for cell, width in zip(row[2:], widths[2:], strict=True)]
-        lines.append("  ".join([*left, *right]).rstrip())
-    rule = "-" * max(map(len, lines))
-    last = len(cycles)
-    return [*lines[:2], rule, *lines[2:-last], rule, *lines[-last:]]
-
-
-def _row(name: str, label: str, values: Mapping[str, float | None], power: str) -> tuple[str, ...]:
-    return (
-        name,
-        label,
-        _number(values.get("duration_s"), 1),
-        _number(values.get(power), 2, 1e-3),
-        _number(values.get(ENERGIES[power]), 1, 1e-3),
-        _range(values.get("tether_length_start_m"), values.get("tether_length_end_m")),
-        _range(values.get("elevation_start_deg"), values.get("elevation_end_deg")),
+    columns = (
+        Column(left=True, once=True),
+        Column(left=True),
+        Column("duration", "s", digits="z.1f"),
+        Column(title, "kW", 1e-3, "z.2f"),
+        Column("energy", "kJ", 1e-3, "z.1f"),
+        Column("tether length", "m"),
+        Column("elevation", "deg"),
     )
 
+    def row(name: str, label: str, values: Mapping[str, float | None]) -> tuple[Cell, ...]:
+        ranges = (
+            _range(*(values.get(f"{quantity}_{end}_{unit}") for end in ("start", "end")))
+            for quantity, unit in (("tether_length", "m"), ("elevation", "deg"))
+        )
+        return name, label, values.get("duration_s"), values.get(power), values.get(ENERGIES[power]), *ranges
 
-def _number(value: float | None, decimals: int, factor: float = 1.0) -> str:
-    if value is None or not math.isfinite(value):
-        return ""
-    # Adding zero turns the -0.0 that rounding can leave into 0.0.
-    return f"{round(value * factor, decimals) + 0.0:.{decimals}f}"
+    names = dict.fromkeys(name for cycle in cycles.values() for name in cycle.phases)
+    rows = [row(name, label, cycle.phases.get(name, {})) for name in names for label, cycle in cycles.items()]
+    if any(cycle.cycle.get("phase_change_time_total_s") for cycle in cycles.values()):
+        rows += [
+            row("phase changes", label, {"duration_s": cycle.cycle.get("phase_change_time_total_s")})
+            for label, cycle in cycles.items()
+        ]
+    rules = {0, len(rows)}
+    rows += [row("cycle", label, cycle.cycle) for label, cycle in cycles.items()]
+    return Table(columns, rows, rules)
 
 
 def _range(start: float | None, end: float | None) -> str:
     if start is None and end is None:
         return ""
-    return f"{_number(start, 1) or _NO_VALUE} -> {_number(end, 1).rjust(5) or _NO_VALUE}"
+    column = Column(digits="z.1f", missing="-")
+    return f"{column.text(start)} -> {column.text(end):>5}"
 
 
 def _format_facts(result: Result) -> list[str]:

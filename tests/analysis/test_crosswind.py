@@ -18,7 +18,7 @@ from kiteocp.result.channels import TIME_SERIES_CHANNELS
 from kiteocp.studies.crosswind.course import _matching_course, matching_path
 from kiteocp.studies.crosswind.flight import UnflyableError, Winch, fly_path
 from kiteocp.studies.crosswind.path import PATHS, antiderivative, circle, derivative, figure_of_eight, make_path
-from kiteocp.studies.crosswind.report import format_crosswind
+from kiteocp.studies.crosswind.report import crosswind_document
 from kiteocp.studies.crosswind.study import crosswind, representative_course
 
 FORCE_N, LENGTH_M = 3008.0, 555.0
@@ -327,7 +327,7 @@ def test_sweep_over_mass_has_every_path_and_says_what_cannot_be_flown(study):
     assert "cannot be flown" in sweep["circle"][2]["message"]
     assert sweep["circle"][0]["course_deg"] is None
     assert "on no course" in sweep["circle"][0]["note"]
-    table = format_crosswind(study)
+    table = crosswind_document(study).text()
     assert "heavy: the figure cannot be flown" in table
     assert "-: no course gives the power of the figure" in table
     assert f"{sweep['eight-up'][1]['course_deg']:.1f}" in table

@@ -31,7 +31,6 @@ from kiteocp.studies.prediction.reasons import delay
 from kiteocp.studies.prediction.replay import FlownWinchLaw, path_of, replay, winch_law
 from kiteocp.studies.prediction.statements import statements
 from kiteocp.studies.prediction.study import FlightStudy, validate_flight
-from kiteocp.studies.prediction.summary import format_study, result_of
 
 DATA = Path(os.environ.get("KITEOCP_FLIGHT_DATA") or Path(__file__).resolve().parents[3] / "shared" / "data")
 RECORDING = DATA / "kitepower-2023-05-12" / "cycles-0-3.csv"
@@ -341,14 +340,14 @@ def test_a_flight_without_an_airspeed_keeps_the_wind_of_the_estimation_cycles() 
 
 def test_the_summary_is_plain_and_the_text_names_flown_and_optimal() -> None:
     study = exact_study()
-    summary = result_of(study).summary()
+    summary = study.result().summary()
     assert summary["verb"] == "validate"
     assert summary["status"] == "ok"
     validation = summary["flight_validation"]
     assert json.loads(json.dumps(validation, allow_nan=False)) == validation
     assert {cycle["cycle"] for cycle in validation["cycles"]} == {1}
     assert validation["optimum"]["flown_mean_power_W"] == pytest.approx(study.cycles[0].measured.mean_power_W)
-    text = format_study(study)
+    text = study.document().text()
     assert "Flown 14.3 kW, optimal" in text
     assert max(map(len, text.splitlines())) <= 120
 

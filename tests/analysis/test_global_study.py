@@ -1,4 +1,4 @@
-"""Global sensitivity: indices where they are known, the kept schedule, failures counted, the command line."""
+"""Global sensitivity: indices where they are known, the open-loop schedule, failures counted, the command line."""
 
 from __future__ import annotations
 
@@ -17,11 +17,12 @@ from kiteocp.errors import InputError
 from kiteocp.optimum.refine import optimise
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem, problem_from_dict
+from kiteocp.report.document import Document
 from kiteocp.studies.sensitivity.derivatives import LocalStudy
-from kiteocp.studies.sensitivity.open_loop import KeptCycle, fly_kept
+from kiteocp.studies.sensitivity.open_loop import OpenLoopCycle, fly_open_loop
 from kiteocp.studies.sensitivity.sampling import Resolver, Sample, quantiles, uncertainties
 from kiteocp.studies.sensitivity.sobol import GlobalStudy, base_samples, global_sensitivity, sobol_intervals
-from kiteocp.studies.sensitivity.sobol_report import format_global, global_summary
+from kiteocp.studies.sensitivity.sobol_report import global_parts, global_summary
 
 #: Uncertainties so small that the optimal power is linear in them.
 TINY = {
@@ -119,8 +120,8 @@ def test_samples_without_a_cycle_are_counted() -> None:
     assert resolver.sample([-1.0]).status == "invalid"
     problem, entries = resolver.problem, uncertainties(resolver.problem)[0]
     lost, good = (
-        Sample("infeasible", kept=KeptCycle("not_flown")),
-        Sample("solved", 100.0, None, KeptCycle("not_closed")),
+        Sample("infeasible", open_loop=OpenLoopCycle("not_flown")),
+        Sample("solved", 100.0, None, OpenLoopCycle("not_closed")),
     )
     summary = global_summary(problem, entries, True, [lost, good, good, good, lost, good], 2, [{}], None)
     assert summary["sample_status"] == {"solved": 4, "infeasible": 2, "failed": 0, "invalid": 0}
@@ -128,38 +129,38 @@ def test_samples_without_a_cycle_are_counted() -> None:
     assert summary["distribution"]["samples"] == 4
     assert summary["distribution"]["solved"] == 3
     # Of the independent samples; the mixed ones serve the indices only.
-    assert summary["reoptimising"]["kept_status"] == {"flown": 0, "not_flown": 1, "not_closed": 3}
+    assert summary["reoptimising"]["open_loop_status"] == {"flown": 0, "not_flown": 1, "not_closed": 3}
     assert summary["reoptimising"]["all_flown"]["samples"] == 0
 
 
 @pytest.mark.parametrize("name", ["strong-wind", "moderate-wind"])
-def test_the_kept_schedule_on_its_own_numbers_is_the_optimum(name: str) -> None:
+def test_the_open_loop_schedule_on_its_own_numbers_is_the_optimum(name: str) -> None:
     resolver = resolver_of(load_problem(name))
     values = parameter_values(resolver.problem)
     nominal = np.array([values[key] for key in resolver.keys])
-    kept = resolver.sample(nominal, kept=True).kept
-    assert kept is not None
-    assert kept.status == "flown"
-    assert not kept.exceeded
+    flown = resolver.sample(nominal, open_loop=True).open_loop
+    assert flown is not None
+    assert flown.status == "flown"
+    assert not flown.exceeded
     # The independent integrator against the collocation on the mesh of the file, as the certificate allows.
-    assert kept.mean_power_W == pytest.approx(-1e4 * resolver.nominal.f, rel=1e-3)
+    assert flown.mean_power_W == pytest.approx(-1e4 * resolver.nominal.f, rel=1e-3)
     stronger = nominal.copy()
     stronger[resolver.keys.index("kite.powered.lift_coefficient")] *= 1.02
-    sample = resolver.sample(stronger, kept=True)
-    assert sample.kept is not None
-    if not sample.kept.exceeded:
+    sample = resolver.sample(stronger, open_loop=True)
+    assert sample.open_loop is not None
+    if not sample.open_loop.exceeded:
         # Nothing within the limits beats the optimum; the margin is that of the flight above.
-        assert sample.kept.mean_power_W < sample.mean_power_W * (1 + 1e-3)
+        assert sample.open_loop.mean_power_W < sample.mean_power_W * (1 + 1e-3)
 
 
 def test_a_course_that_steers_is_trimmed_so_that_the_cycle_closes() -> None:
     resolver = resolver_of(load_problem("v3-kite", {"optimisation.traction_elevation": "course-coupled"}))
-    kept = fly_kept(resolver.cycle, parameter_values(resolver.problem), "mechanical")
-    assert kept.status == "flown"
-    assert kept.mean_power_W is not None
+    flown = fly_open_loop(resolver.cycle, parameter_values(resolver.problem), "mechanical")
+    assert flown.status == "flown"
+    assert flown.mean_power_W is not None
     # On the coarse mesh of the file the course is only roughly resolved: trimmed, 96 % of the power remain. Untrimmed,
     # the traction ends 11 deg too high and 88 % remain.
-    assert 0.93 < kept.mean_power_W / (-1e4 * resolver.nominal.f) < 1.0
+    assert 0.93 < flown.mean_power_W / (-1e4 * resolver.nominal.f) < 1.0
 
 
 def test_distributions_stay_where_a_problem_file_may_go() -> None:
@@ -195,17 +196,19 @@ def test_command_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Non
     assert sorted(path.name for path in tmp_path.iterdir()) == names
     summary = json.loads((tmp_path / "summary.json").read_text())
     found = summary["global"]
-    assert format_global(found) in out
+    assert Document("", global_parts(found)).text().strip() in out
     assert found["uncertainty_stated"] is True
     assert (found["nominal_status"], found["nominal_message"]) == ("certified", None)
-    assert "refine optimisation.mesh" in format_global({**found, "nominal_message": "a check failed"})
+    assert (
+        "refine optimisation.mesh" in Document("", global_parts({**found, "nominal_message": "a check failed"})).text()
+    )
     assert found["nominal_mean_power_W"] == pytest.approx(summary["optimal_mean_power_W"], rel=1e-6)
     assert sum(found["histogram"]["counts"]) == found["distribution"]["solved"] == 16
     with open(tmp_path / "global.csv", newline="") as stream:
         table = list(csv.DictReader(stream))
     assert len(table) == 24
     assert {row["status"] for row in table} == {"solved"}
-    assert [row["kept_status"] != "" for row in table] == [True] * 16 + [False] * 8
+    assert [row["open_loop_status"] != "" for row in table] == [True] * 16 + [False] * 8
 
 
 @pytest.mark.parametrize(

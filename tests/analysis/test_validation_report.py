@@ -12,20 +12,18 @@ import numpy as np
 import pytest
 
 from kiteocp.cli.main import main
-from kiteocp.plots.validation import CAPTIONS
-from kiteocp.report.html import Picture
+from kiteocp.report.document import WIDTH, Figure, Picture
 from kiteocp.result import write_atomically
 from kiteocp.result.contract import STATUSES
-from kiteocp.result.earlier import PICTURES
 from kiteocp.studies.paper import convergence, paper
+from kiteocp.studies.paper.captions import CAPTIONS
 from kiteocp.studies.paper.claims import check_claims
 from kiteocp.studies.paper.convergence import convergence_study
 from kiteocp.studies.paper.isolines import mass_isolines
 from kiteocp.studies.paper.paper import PaperValidation, validate_paper
 from kiteocp.studies.paper.published import CASES
-from kiteocp.studies.paper.report import report_html
 from kiteocp.studies.paper.tables import Comparison
-from kiteocp.studies.paper.text import WIDTH, format_validation
+from kiteocp.verbs import verb_named
 
 
 @pytest.fixture(scope="module")
@@ -80,8 +78,8 @@ def page_of(html: str) -> Page:
 
 
 def test_report_is_one_page_that_needs_nothing_else(study: PaperValidation) -> None:
-    pictures = [Picture("side_view", "Seen from the <side>.", "image/svg+xml", b"<svg/>")]
-    html = report_html(study, pictures)
+    pictures = [Picture(Figure("side_view", "Seen from the <side>."), "image/svg+xml", b"<svg/>")]
+    html = study.document().html(pictures)
     page = page_of(html)
     assert [reference.partition(",")[0] for reference in page.references] == ["data:image/svg+xml;base64"]
     assert "Figure 1. Seen from the <side>." in page.text
@@ -90,23 +88,21 @@ def test_report_is_one_page_that_needs_nothing_else(study: PaperValidation) -> N
     for sentences in study.statements().values():
         for sentence in sentences:
             assert sentence in page.text
-    assert "Drawn without pictures" in page_of(report_html(study)).text
+    assert "Drawn without pictures" in page_of(study.document().html()).text
 
 
 def test_tables_show_the_numbers(study: PaperValidation) -> None:
-    text = format_validation(study)
+    text = study.document().text()
     assert all(len(line) <= WIDTH + 32 for line in text.splitlines())
-    [line] = [line for line in text.splitlines() if line.startswith("cycle power")][:1]
-    included = study.comparison("strong-wind", "kite", gravity=True).row("cycle.mean_power_W")
-    excluded = study.comparison("strong-wind", "kite", gravity=False).row("cycle.mean_power_W")
-    numbers = [float(number) for number in re.findall(r"[-+]?\d+\.?\d*", line)]
-    expected = []
-    for row in (excluded, included):
-        expected += [row.simulated, row.published.value, 1e3 * row.deviation_percent, row.band.low, row.band.high]
-    expected += [included.experiment.value, 1e3 * included.experiment_percent]
-    # Printed to 0.01 kW and 0.1 %, the last to 1 %.
-    assert numbers[:-1] == pytest.approx([1e-3 * value for value in expected[:-1]], abs=0.051)
-    assert numbers[-1] == pytest.approx(1e-3 * expected[-1], abs=0.51)
+    lines = [line for line in text.splitlines() if line.startswith("cycle power (kW)")]
+    for line, gravity in zip(lines[:2], (False, True), strict=True):
+        row = study.comparison("strong-wind", "kite", gravity=gravity).row("cycle.mean_power_W")
+        numbers = [float(number) for number in re.findall(r"[-+]?\d+\.?\d*", line)]
+        powers = (row.simulated, row.published.value, row.band.low, row.band.high, row.experiment.value)
+        # Printed to 0.01 kW and 0.1 %, the last to 1 %.
+        assert [numbers[i] for i in (0, 1, 3, 4, 5)] == pytest.approx([1e-3 * power for power in powers], abs=0.0051)
+        assert numbers[2] == pytest.approx(row.deviation_percent, abs=0.051)
+        assert numbers[6] == pytest.approx(row.experiment_percent, abs=0.51)
 
 
 def moved(comparison: Comparison, quantity: str, share: float) -> Comparison:
@@ -157,7 +153,7 @@ def test_conclusions_of_the_paper_are_judged_by_the_numbers(study: PaperValidati
 
 
 def test_summary_keeps_the_contract(study: PaperValidation) -> None:
-    summary = json.loads(json.dumps(study.summary(), allow_nan=False))
+    summary = json.loads(json.dumps(study.result().summary(), allow_nan=False))
     assert (summary["schema_version"], summary["verb"], summary["problem"]) == (
         1,
         "validate",
@@ -183,7 +179,7 @@ def test_command_without_pictures(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert main(["validate", "-o", str(tmp_path), "--no-plot"]) == 0
     out, err = capsys.readouterr()
     assert err == ""
-    assert "what lies outside" in out
+    assert "What lies outside" in out
     assert sorted(path.name for path in tmp_path.iterdir()) == ["report.html", "summary.json"]
     assert main(["validate", "-o", str(tmp_path), "--no-plot", "--json"]) == 0
     assert json.loads(capsys.readouterr().out) == json.loads((tmp_path / "summary.json").read_text())
@@ -227,8 +223,10 @@ def test_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
     curve = summary["validation"]["convergence"]["strong wind, gravity included"]
     assert curve["time_steps"] == pytest.approx(convergence.TIME_STEPS)
     assert curve["richardson_limit_ratio"] == pytest.approx(curve["adaptive_integrator_ratio"], abs=1e-6)
-    assert "what lies outside" in capsys.readouterr().out
+    assert "What lies outside" in capsys.readouterr().out
 
 
 def test_pictures_are_those_that_are_drawn() -> None:
-    assert set(CAPTIONS) <= set(PICTURES["validate"])
+    verb = verb_named("validate")
+    assert verb is not None
+    assert set(CAPTIONS) <= set(verb.pictures)

@@ -85,11 +85,7 @@ def node_rates(values: ParameterValues, grid: Grid, phase: PhaseName) -> Rates:
     length, elevation = (a.ravel() for a in np.meshgrid(grid.lengths, grid.elevations, indexing="ij"))
     function = schedule_functions(values.structure, phase, ("radial_ground_force",)).outputs.map(length.size)
     rows = {name: OUTPUTS.index(name) for name in OUTPUTS}
-    limits = [
-        limit
-        for limit in path_limits(values.structure)
-        if phase in limit.phases and limit.quantity in OUTPUTS
-    ]
+    limits = [limit for limit in path_limits(values.structure) if phase in limit.phases and limit.quantity in OUTPUTS]
 
     def outputs(force: Array) -> Array:
         return np.asarray(function(length[None, :], elevation[None, :], force[None, :], values.vector))

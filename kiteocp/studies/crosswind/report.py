@@ -3,28 +3,31 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
+from kiteocp.report.document import Document, Lines, Part
+from kiteocp.report.table import Column, Table
 from kiteocp.result import Result
 
-#: Title, channel, key of the average, key of the representative state, factor to the unit of the title, decimals.
-_ROWS: tuple[tuple[str, str, str, str, float, int], ...] = (
-    ("power (kW)", "power_W", "mean_power_W", "power_W", 1e-3, 2),
-    ("reeling speed (m/s)", "reeling_speed_m_s", "mean_reeling_speed_m_s", "reeling_speed_m_s", 1.0, 2),
-    ("force at the kite (kN)", "tether_force_kite_N", "mean_tether_force_kite_N", "tether_force_kite_N", 1e-3, 3),
+#: Title, channel, key of the average, key of the representative state, factor to the unit of the title, digits.
+_ROWS: tuple[tuple[str, str, str, str, float, str], ...] = (
+    ("power (kW)", "power_W", "mean_power_W", "power_W", 1e-3, ".2f"),
+    ("reeling speed (m/s)", "reeling_speed_m_s", "mean_reeling_speed_m_s", "reeling_speed_m_s", 1.0, ".2f"),
+    ("force at the kite (kN)", "tether_force_kite_N", "mean_tether_force_kite_N", "tether_force_kite_N", 1e-3, ".3f"),
     (
         "force at the ground (kN)",
         "tether_force_ground_N",
         "mean_tether_force_ground_N",
         "tether_force_ground_N",
         1e-3,
-        3,
+        ".3f",
     ),
-    ("path speed (m/s)", "tangential_speed_m_s", "mean_path_speed_m_s", "path_speed_m_s", 1.0, 1),
-    ("kinematic ratio", "kinematic_ratio", "mean_kinematic_ratio", "kinematic_ratio", 1.0, 2),
-    ("wind speed (m/s)", "wind_speed_m_s", "mean_wind_speed_m_s", "wind_speed_m_s", 1.0, 2),
+    ("path speed (m/s)", "tangential_speed_m_s", "mean_path_speed_m_s", "path_speed_m_s", 1.0, ".1f"),
+    ("kinematic ratio", "kinematic_ratio", "mean_kinematic_ratio", "kinematic_ratio", 1.0, ".2f"),
+    ("wind speed (m/s)", "wind_speed_m_s", "mean_wind_speed_m_s", "wind_speed_m_s", 1.0, ".2f"),
 )
 NAMES: dict[str, str] = {
     "eight-up": "figure of eight, up at its sides",
@@ -33,53 +36,57 @@ NAMES: dict[str, str] = {
 }
 
 
-def format_crosswind(result: Result) -> str:
-    """Return the table of a result of verb ``crosswind``."""
+def crosswind_document(result: Result) -> Document:
+    """Return what a result of verb ``crosswind`` says."""
+    title = f"{result.problem.name}: {result.problem.description}".removesuffix(": ")
+    status = f"crosswind: {result.status}"
     if "crosswind" not in result.details:
-        return f"{_head(result)} - {result.details.get('message', '')}"
+        return Document(title, [Lines([f"{status} - {result.details.get('message', '')}".rstrip(" -")], joined=True)])
     study = result.details["crosswind"]
     comparison = study["comparison"]
-    lines = [
-        _head(result),
-        "",
+    share = 100.0 * (1.0 - comparison["resolved_power_W"] / comparison["resolved_weightless_power_W"])
+    lost = f" ({share:.1f} %)" if math.isfinite(share) else ""
+    ratio = f"{comparison['power_ratio']:.3f}" if math.isfinite(comparison["power_ratio"]) else "no such state"
+    figure = [
         _describe(study),
         f"one figure: {study['period_s']:.1f} s, {study['path_length_m']:.0f} m, smallest turning radius "
         f"{study['turning_radius_min_m']:.0f} m ({study['turning_radius_over_root_of_area']:.1f} times the root of the "
         f"kite's area), turn rate up to {study['turn_rate_max_deg_s']:.0f} deg/s",
-        "",
-        f"{'':26}{'figure':>9}{'least':>9}{'largest':>9}{'representative':>16}",
     ]
-    for title, channel, average, key, factor, decimals in _ROWS:
-        values = factor * result[channel]
-        numbers = (factor * study[average], float(np.min(values)), float(np.max(values)))
-        lines.append(
-            title.ljust(26)
-            + "".join(f"{number:9.{decimals}f}" for number in numbers)
-            + f"{factor * study['representative'][key]:16.{decimals}f}"
-        )
-    share = 100.0 * (1.0 - comparison["resolved_power_W"] / comparison["resolved_weightless_power_W"])
-    lost = f" ({share:.1f} %)" if math.isfinite(share) else ""
-    ratio = f"{comparison['power_ratio']:.3f}" if math.isfinite(comparison["power_ratio"]) else "no such state"
-    lines += [
+    place = (
         f"representative: {comparison['elevation_deg']:.1f} deg elevation, {comparison['azimuth_deg']:.1f} deg azimuth "
-        f"(averaged cosines), course {comparison['problem_course_deg']:.1f} deg",
-        "",
+        f"(averaged cosines), course {comparison['problem_course_deg']:.1f} deg"
+    )
+    found = [
         f"mean power of the figure over that of the representative state: {ratio}",
         f"representative course with the power of the figure: {_course(comparison, '')}",
         f"representative course with its loss to gravity{lost}: {_course(comparison, 'gravity_')}",
         f"mean course of the figure (mean cosine over time): {comparison['mean_course_deg']:.1f} deg",
         _length_line(study),
-        "",
-        *_sweep_lines("tether (m)", "tether_length_m", {study["path"]: study["lengths"]}),
-        "",
-        *_sweep_lines("kite (kg)", "mass_kg", study["masses"]),
     ]
-    return "\n".join(lines)
+    return Document(
+        title,
+        [
+            Lines([status], joined=True),
+            Lines(figure),
+            _numbers(result, study),
+            Lines([place], joined=True),
+            Lines(found),
+            *_sweep("tether (m)", "tether_length_m", {study["path"]: study["lengths"]}),
+            *_sweep("kite (kg)", "mass_kg", study["masses"]),
+        ],
+    )
 
 
-def _head(result: Result) -> str:
-    described = f": {result.problem.description}" if result.problem.description else ""
-    return f"{result.problem.name}{described}\ncrosswind: {result.status}"
+def _numbers(result: Result, study: dict[str, Any]) -> Table:
+    """Return the quantities of the figure beside those of the representative state."""
+    heads = ("figure", "least", "largest", "representative")
+    rows = []
+    for title, channel, average, key, factor, digits in _ROWS:
+        values = result[channel]
+        numbers = (study[average], np.min(values), np.max(values), study["representative"][key])
+        rows.append((title, *(Column(factor=factor, digits=digits).text(float(number)) for number in numbers)))
+    return Table([Column(left=True), *map(Column, heads)], rows)
 
 
 def _describe(study: dict[str, Any]) -> str:
@@ -110,19 +117,26 @@ def _length_line(study: dict[str, Any]) -> str:
     return f"the tether is held at its mean; in one figure it reels {study['tether_length_change_m']:+.0f} m{told}"
 
 
-def _sweep_lines(what: str, key: str, sweep: dict[str, list[dict[str, Any]]]) -> list[str]:
-    """Return the course of equal power over a quantity, every second column where there are many."""
+def _sweep(what: str, key: str, sweep: dict[str, list[dict[str, Any]]]) -> Iterator[Part]:
+    """Yield the course of equal power over a quantity, every second column where there are many."""
     longest = max(sweep.values(), key=len)
     step = 2 if len(longest) > 9 else 1
-    lines = [f"course (deg) over {what}".ljust(28) + "".join(f"{row[key]:8.4g}" for row in longest[::step])]
-    for name, rows in sweep.items():
-        cells = []
-        for row in rows[::step]:
-            course = row.get("course_deg")
-            cells.append(f"{course:8.1f}" if course is not None else f"{'heavy' if 'message' in row else '-':>8}")
-        lines.append(f"  {name}".ljust(28) + "".join(cells))
-    if any("-" in line.split()[1:] for line in lines[1:]):
-        lines.append("  -: no course gives the power of the figure")
-    if any("heavy" in line for line in lines[1:]):
-        lines.append("  heavy: the figure cannot be flown")
-    return lines
+    courses = {name: [row.get("course_deg") for row in rows[::step]] for name, rows in sweep.items()}
+    heavy = {name: ["message" in row for row in rows[::step]] for name, rows in sweep.items()}
+    columns = [Column(f"course (deg) over {what}", left=True)]
+    columns += [Column(f"{row[key]:.4g}", digits=".1f", missing="-") for row in longest[::step]]
+    rows = [
+        (
+            f"  {name}",
+            *("heavy" if one and course is None else course for one, course in zip(heavy[name], found, strict=True)),
+            *[""] * (len(columns) - 1 - len(found)),
+        )
+        for name, found in courses.items()
+    ]
+    yield Table(columns, rows)
+    notes = []
+    if any(cell is None for row in rows for cell in row):
+        notes.append("  -: no course gives the power of the figure")
+    if any("heavy" in row for row in rows):
+        notes.append("  heavy: the figure cannot be flown")
+    yield Lines(notes, joined=True)

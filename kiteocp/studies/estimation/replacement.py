@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import yaml
 
 from kiteocp.errors import printable
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem
-from kiteocp.studies.estimation.estimates import Estimation
 from kiteocp.studies.estimation.wind import wind_speeds
+
+if TYPE_CHECKING:
+    from kiteocp.studies.estimation.estimates import Estimation
 
 FILE = "estimated.yaml"
 

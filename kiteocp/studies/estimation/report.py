@@ -6,6 +6,8 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from kiteocp.report.document import Document, Lines
+from kiteocp.report.table import Cell, Column, Table
 from kiteocp.result import Result
 from kiteocp.studies.estimation.bias import COMPARED
 from kiteocp.studies.estimation.fit import PART_POWERED, SETTING_OF_PHASE
@@ -24,27 +26,29 @@ OTHER_REASONS = {
 _UNKNOWNS = {"profile": "profile", "sensor_height": "height of the sensor", "airspeed_gauge": "gauge of the airspeed"}
 
 
-def format_estimates(result: Result) -> str:
-    """Return the report of a result of the verb ``estimate``: several lines, without a newline at the end."""
+def estimates_document(result: Result) -> Document:
+    """Return what a result of the verb ``estimate`` says."""
     found = result.details["estimates"]
     cycles = ", ".join(map(str, found["cycles"])) or "not numbered"
-    lines = [
-        f"{found['flight']}: aerodynamics of {result.problem.name}",
-        f"{found['samples']} samples, cycles {cycles}{_reading(found['repaired_or_dropped_in_reading'])}",
-        "",
-        *_wind(found),
-        "",
+    reading = f"{found['samples']} samples, cycles {cycles}{_reading(found['repaired_or_dropped_in_reading'])}"
+    legend = [
         "mean and half width of its 95 % interval (phases: the wind as given; fit: the error of the wind included)",
         "n_eff: independent samples that C_L is worth",
         "paper: sections 3.3 and 3.4; exact: the model's own equilibrium; fit: all samples at once, robust",
-        *_table(found),
     ]
-    lines += _wind_effect(found)
-    lines += ["", *_rejections(found)]
-    lines += ["", *_bias(found["round_trip"], result.problem.name)]
-    lines += [f"note: {text}" for text in found["notes"]]
-    lines += [f"warning: {text}" for text in result.warnings]
-    return "\n".join(lines)
+    notes = [*_bias(found["round_trip"], result.problem.name), *(f"note: {text}" for text in found["notes"])]
+    return Document(
+        f"{found['flight']}: aerodynamics of {result.problem.name}",
+        [
+            Lines([reading], joined=True),
+            Lines(_wind(found)),
+            Lines(legend),
+            _table(found),
+            Lines(_wind_effect(found), joined=True),
+            Lines(_rejections(found)),
+            Lines([*notes, *(f"warning: {text}" for text in result.warnings)]),
+        ],
+    )
 
 
 def _reading(counts: Mapping[str, int]) -> str:
@@ -90,30 +94,23 @@ def _wind(found: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _table(found: Mapping[str, Any]) -> list[str]:
-    rows: list[list[str]] = [["", "", *HEADINGS, "n_eff", "used"]]
+def _table(found: Mapping[str, Any]) -> Table:
+    words = [Column(left=True, once=True), Column(left=True)]
+    columns = [*words, *map(Column, HEADINGS), Column("n_eff", digits=".0f"), Column("used")]
+    rows: list[list[Cell]] = []
     for phase, ways in found["phases"].items():
         for way, estimate in ways.items():
             cells = [_measured(estimate[name]["mean"], estimate[name]["interval"]) for name in COEFFICIENTS]
             effective = estimate["lift_coefficient"]["effective_samples"]
-            rows.append([phase, way, *cells, f"{effective:.0f}", f"{estimate['used']} of {estimate['samples']}"])
+            rows.append([phase, way, *cells, effective, f"{estimate['used']} of {estimate['samples']}"])
+    rules = {0, len(rows)}
     for setting, estimate in found["fit"]["settings"].items():
-        lift, drag, ratio = (estimate[name] for name in ("lift_coefficient", "drag_coefficient", "lift_to_drag"))
-        rows.append(
-            [
-                setting,
-                "fit",
-                "",
-                "",
-                _measured(lift["value"], lift["interval_with_wind_error"]),
-                _measured(drag["value"], drag["interval_with_wind_error"]),
-                _measured(ratio["value"], ratio["interval_with_wind_error"]),
-                f"{lift['effective_samples']:.0f}",
-                f"{estimate['samples'] - estimate['outliers']} of "
-                f"{estimate['samples'] + sum(estimate['rejected'].values())}",
-            ]
-        )
-    return _aligned(rows, rule_before=1 + sum(len(ways) for ways in found["phases"].values()))
+        fitted = (estimate[name] for name in ("lift_coefficient", "drag_coefficient", "lift_to_drag"))
+        cells = [_measured(one["value"], one["interval_with_wind_error"]) for one in fitted]
+        used, samples = estimate["samples"] - estimate["outliers"], estimate["samples"]
+        told = f"{used} of {samples + sum(estimate['rejected'].values())}"
+        rows.append([setting, "fit", "", "", *cells, estimate["lift_coefficient"]["effective_samples"], told])
+    return Table(columns, rows, rules)
 
 
 def _measured(mean: float | None, interval: Sequence[float | None]) -> str:
@@ -132,22 +129,6 @@ def _wind_effect(found: Mapping[str, Any]) -> list[str]:
         changes.setdefault(setting, []).append(f"{'C_L' if 'lift' in coefficient else 'C_D,k'} {change:+.3f}")
     told = "; ".join(f"{setting} {', '.join(parts)}" for setting, parts in changes.items())
     return [f"within the intervals of the fit: {share:.1f} % more wind (its standard error) changes {told}"]
-
-
-def _aligned(rows: list[list[str]], rule_before: int) -> list[str]:
-    # A phase is named once.
-    names = [row[0] for row in rows]
-    shown = [["" if i and row[0] == names[i - 1] else row[0], *row[1:]] for i, row in enumerate(rows)]
-    widths = [max(len(row[column]) for row in shown) for column in range(len(shown[0]))]
-    lines = [
-        "  ".join(
-            cell.ljust(width) if column < 2 else cell.rjust(width)
-            for column, (cell, width) in enumerate(zip(row, widths, strict=True))
-        ).rstrip()
-        for row in shown
-    ]
-    rule = "-" * max(map(len, lines))
-    return [lines[0], rule, *lines[1:rule_before], rule, *lines[rule_before:]]
 
 
 def _rejections(found: Mapping[str, Any]) -> list[str]:

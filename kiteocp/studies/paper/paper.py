@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from kiteocp.execution import one_at_a_time
+from kiteocp.problem import Problem
+from kiteocp.report.document import Document, Figure
 from kiteocp.result import Result
-from kiteocp.result.contract import to_plain
+from kiteocp.studies.paper.captions import CAPTIONS
 from kiteocp.studies.paper.claims import Claim, check_claims
 from kiteocp.studies.paper.consistency import (
     ErratumEffect,
@@ -22,16 +24,38 @@ from kiteocp.studies.paper.consistency import (
 from kiteocp.studies.paper.convergence import Convergence, convergence_study
 from kiteocp.studies.paper.isolines import GravityIsolines, mass_isolines
 from kiteocp.studies.paper.published import CASES, half_units
+from kiteocp.studies.paper.report import paper_document
 from kiteocp.studies.paper.statements import statements
 from kiteocp.studies.paper.tables import Comparison, compare
 
 #: Where the tether force may be held.
 REFERENCES = ("kite", "ground")
 
-VERB = "validate"
-
 #: Parts of the work that progress counts.
 _PARTS = 10
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class PaperResult(Result):
+    """The numbers of the validation, which has two problems.
+
+    Attributes
+    ----------
+    problems
+        Both by name of the case; `problem` is the first.
+    """
+
+    problems: Mapping[str, Problem] = field(default_factory=dict)
+
+    def summary(self) -> dict[str, Any]:
+        """Return the contents of ``summary.json``: the head of the contract for both problems."""
+        digests = "".join(problem.sha256 for problem in self.problems.values())
+        return {
+            **super().summary(),
+            "problem": ", ".join(self.problems),
+            "input_sha256": hashlib.sha256(digests.encode()).hexdigest(),
+            "input": {case: problem.to_dict() for case, problem in self.problems.items()},
+        }
 
 
 @dataclass(frozen=True)
@@ -85,25 +109,34 @@ class PaperValidation:
         """Return what the study shows by topic, in sentences made from its numbers."""
         return statements(self)
 
-    def summary(self) -> dict[str, Any]:
-        """Return the contents of ``summary.json``: the contract's head for both problems, and all numbers."""
-        results = {case: self.comparison(case, self.reference, gravity=True).result for case in CASES}
-        head = Result(VERB, results["strong-wind"].problem, details={"validation": self._numbers()}).summary()
-        problems = {case: result.problem for case, result in results.items()}
-        digest = hashlib.sha256("".join(problem.sha256 for problem in problems.values()).encode()).hexdigest()
-        both = {
-            "problem": ", ".join(problems),
-            "input_sha256": digest,
-            "input": {case: problem.to_dict() for case, problem in problems.items()},
-            "warnings": [
-                f"{found.case}, gravity {'included' if found.gravity else 'excluded'}: {warning}"
-                for found in self.comparisons
-                if found.reference == self.reference
-                for warning in found.result.warnings
-            ],
-        }
-        plain: dict[str, Any] = to_plain({**head, **both})
-        return plain
+    def result(self) -> PaperResult:
+        """Return all numbers, with the head of the contract for both problems."""
+        problems = {case: self.comparison(case, self.reference, gravity=True).result.problem for case in CASES}
+        warnings = tuple(
+            f"{found.case}, gravity {'included' if found.gravity else 'excluded'}: {warning}"
+            for found in self.comparisons
+            if found.reference == self.reference
+            for warning in found.result.warnings
+        )
+        return PaperResult(
+            "validate",
+            next(iter(problems.values())),
+            warnings=warnings,
+            details={"validation": self._numbers()},
+            problems=problems,
+        )
+
+    def document(self) -> Document:
+        """Return the tables, and what the study shows in sentences."""
+        return paper_document(self)
+
+    def files(self) -> Mapping[str, bytes]:
+        """Return what is written beside the numbers: nothing."""
+        return {}
+
+    def figures(self) -> Sequence[Figure]:
+        """Return the figures of the results section."""
+        return [Figure(stem, caption) for stem, caption in CAPTIONS.items()]
 
     def _numbers(self) -> dict[str, Any]:
         tables: dict[str, Any] = {}
@@ -132,7 +165,6 @@ class PaperValidation:
             "printed_checks": [check.to_dict() for check in self.printed_checks],
             "table_checks": [check.to_dict() for check in self.table_checks],
             "errata": [effect.to_dict() for effect in self.errata],
-            "statements": self.statements(),
         }
 
 

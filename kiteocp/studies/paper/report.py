@@ -1,18 +1,22 @@
-"""The validation as one self-contained HTML page: no file, font or script from elsewhere."""
+"""What the validation says: tables of each case and sentences, with all that is behind them on the page."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator
 from statistics import fmean
+from typing import TYPE_CHECKING
 
 from kiteocp._version import __version__
 from kiteocp.physics.parameters import parameter_values
-from kiteocp.report.html import Picture, bullets, figures, page, paragraph, section, table
-from kiteocp.studies.paper.paper import PaperValidation
+from kiteocp.report.document import Bullets, Document, Heading, Paragraph, Part
+from kiteocp.report.table import Cell, Column, Table
 from kiteocp.studies.paper.published import CASES, NOMINAL_KEYS, half_units, printed_inputs
 from kiteocp.studies.paper.rounding import RETRACTION_FORCE
 from kiteocp.studies.paper.statements import SHOWN, name_of, text_of
 from kiteocp.studies.paper.tables import EXPLANATIONS, Comparison, Row
+
+if TYPE_CHECKING:
+    from kiteocp.studies.paper.paper import PaperValidation
 
 TITLE = "Validation of the quasi-steady model against its publication"
 
@@ -38,154 +42,181 @@ _BAND = (
     "counted apart as if they were rounded to a whole millimetre and metre."
 )
 
+#: Marks of what rounding explains, for the narrow column of a table.
+MARKS = {"likely": "=", "at worst": "~", "nominal sizes": "?", "no": "!"}
+_LEGEND = (
+    "band: what rounding of the measured inputs explains, computed at its two worst corners. Published number: "
+    "= within twice its standard deviation; ~ within the band; ? only if tether diameter and mast height were rounded "
+    "too; ! outside. Positive deviations are larger numbers, so less power taken in the retraction."
+)
+#: Topics whose sentences stand on the page only.
+_DETAILS = {"Where the tether force is held", "The conclusions of the paper", "The published numbers themselves"}
 
-def report_html(study: PaperValidation, pictures: Sequence[Picture] = ()) -> str:
-    """Return the report.
+_IN_SHORT = "In short"
 
-    Parameters
-    ----------
-    study
-        What was computed.
-    pictures
-        The figures, in their order; without them the report says that it has none.
-    """
-    version = __version__
+
+def paper_document(study: PaperValidation) -> Document:
+    """Return tables and sentences; the page has all of them."""
     said = study.statements()
-    body = [
-        paragraph(_INTRODUCTION),
-        paragraph(f"Paper: {_SOURCE}. Computed by kiteocp {version}.", "small"),
-        section("In short", bullets(said.pop("In short")) + _overview(study)),
-        *(section(f"{CASES[case].capitalize()}: the phases", _case_tables(study, case)) for case in CASES),
-        section("How the band of rounding is computed", paragraph(_BAND) + _inputs(study)),
-        *(section(topic, bullets(sentences)) for topic, sentences in said.items()),
-        section("The conclusions of the paper, one by one", _claims(study)),
-        section("Convergence of the finite-difference scheme", _convergence(study)),
-        section("Consistency of the published numbers", _consistency(study)),
-        figures(pictures),
+    return Document(
+        TITLE,
+        [
+            Paragraph(_INTRODUCTION, detail=True),
+            Paragraph(f"Paper: {_SOURCE}. Computed by kiteocp {__version__}.", small=True, detail=True),
+            *_topic(_IN_SHORT, said.pop(_IN_SHORT)),
+            *_overview(study),
+            *(part for case in CASES for part in _case(study, case)),
+            Paragraph(_LEGEND, small=True),
+            Heading("How the band of rounding is computed", detail=True),
+            Paragraph(_BAND, detail=True),
+            _inputs(study),
+            *(part for topic, sentences in said.items() for part in _topic(topic, sentences)),
+            Heading("The conclusions of the paper, one by one", detail=True),
+            _claims(study),
+            Heading("Convergence of the finite-difference scheme", detail=True),
+            Paragraph("Mean harvesting factor over that of the smallest time step.", small=True, detail=True),
+            _convergence(study),
+            Heading("Consistency of the published numbers", detail=True),
+            *_consistency(study),
+        ],
+        page=True,
+    )
+
+
+def _topic(title: str, sentences: list[str]) -> tuple[Heading, Bullets]:
+    detail = title in _DETAILS
+    return Heading(title, detail=detail), Bullets(sentences, detail=detail)
+
+
+def _overview(study: PaperValidation) -> Iterator[Part]:
+    columns = [
+        Column("case", left=True),
+        Column("force held at", left=True),
+        *map(Column, EXPLANATIONS),
+        Column("off the published simulation", unit="%", digits=".0f"),
+        Column("off the experiment", unit="%", digits=".0f"),
+        Column("cycle power"),
     ]
-    return page(TITLE, body)
-
-
-def _overview(study: PaperValidation) -> str:
-    head = ["case", "force held at", *EXPLANATIONS, "off the published simulation", "off the experiment", "cycle power"]
-    rows = []
+    rows: list[list[Cell]] = []
     for found in study.comparisons:
         if not found.gravity and found.reference != study.reference:
             continue  # without weight the references are the same
         published = found.published_rows
-        counts = [str(sum(row.explained == kind for row in published)) for kind in EXPLANATIONS]
-        power = found.row("cycle.mean_power_W")
-        texts = [text_of(power.quantity, value, unit=False) for value in _three(power)]
+        here, paper, measured = _texts(found.row("cycle.mean_power_W"))
         rows.append(
             [
                 f"{CASES[found.case]}, gravity {'included' if found.gravity else 'excluded'}",
                 found.reference if found.gravity else "either",
-                *counts,
-                _mean_percent(abs(row.deviation_percent) for row in published),
-                _mean_percent(abs(row.experiment_percent) for row in published),
-                f"{texts[0]} kW ({texts[1]} published, {texts[2]} measured)",
+                *(sum(row.explained == kind for row in published) for kind in EXPLANATIONS),
+                fmean(abs(row.deviation_percent) for row in published),
+                fmean(abs(row.experiment_percent) for row in published),
+                f"{here} kW ({paper} published, {measured} measured)",
             ]
         )
-    note = (
+    yield Table(columns, rows, detail=True)
+    yield Paragraph(
         "The first four columns count how many of the eight published numbers rounding explains: "
         + "; ".join(f"{kind}: {words}" for kind, words in EXPLANATIONS.items())
-        + ". The next two are means of the magnitudes."
+        + ". The next two are means of the magnitudes.",
+        small=True,
+        detail=True,
     )
-    return table(head, rows, numeric_from=2) + paragraph(note, "small")
 
 
-def _case_tables(study: PaperValidation, case: str) -> str:
-    parts = []
-    for reference in (study.reference, *({found.reference for found in study.comparisons} - {study.reference})):
-        for gravity in (False, True):
-            found = study.comparison(case, reference, gravity=gravity)
-            if not gravity and reference != study.reference:
-                continue
-            parts.append(f"<h3>Gravity {'included' if gravity else 'excluded'}, {_held(found)}</h3>" + _rows(found))
-    return "".join(parts)
+def _case(study: PaperValidation, case: str) -> Iterator[Part]:
+    yield Heading(f"{CASES[case].capitalize()}: the phases")
+    yield Paragraph(f"{study.comparison(case, study.reference, gravity=True).result.problem.description}.")
+    (other,) = {found.reference for found in study.comparisons} - {study.reference}
+    # Without weight the references are the same.
+    for reference, gravity in ((study.reference, False), (study.reference, True), (other, True)):
+        held = f"gravity included, tether force held at the {reference}" if gravity else "gravity excluded"
+        yield Heading(f"{CASES[case].capitalize()}, {held}", level=3)
+        yield _phases(study.comparison(case, reference, gravity=gravity))
 
 
-def _held(found: Comparison) -> str:
-    return f"force held at the {found.reference}" if found.gravity else "force held at either end"
-
-
-def _rows(found: Comparison) -> str:
-    head = [
-        "",
-        "here",
-        "with the paper's time step",
-        "published",
-        "here off published",
-        "band of rounding",
-        "explained by rounding",
-        "experiment",
-        "here off experiment",
-        "published off experiment",
+def _phases(found: Comparison) -> Table:
+    """Return what is computed here beside what is published and measured."""
+    published, measured = "published simulation", "experiment"
+    columns = [
+        Column(left=True),
+        Column("here"),
+        Column("with the paper's time step", detail=True),
+        Column("published", group=published),
+        Column("here off", "%", digits="+.1f", group=published),
+        Column("band of rounding", group=published),
+        Column(left=True, group=published),
+        Column("explained by rounding", left=True, group=published, detail=True),
+        Column("measured", group=measured),
+        Column("here off", "%", digits="+.0f", group=measured),
+        Column("published off", "%", digits="+.0f", group=measured, detail=True),
     ]
-    rows, classes = [], []
+    rows: list[list[Cell]] = []
     for row in found.rows:
-        unit = SHOWN[row.quantity.partition(".")[2]][0]
-        here, published, measured = (text_of(row.quantity, value, unit=False) for value in _three(row))
+        name = "retraction energy per metre" if row.quantity == RETRACTION_FORCE else name_of(row.quantity)
+        here, paper, experiment = _texts(row)
         low, high = (text_of(row.quantity, value, unit=False) for value in (row.band.low, row.band.high))
-        label = f"{name_of(row.quantity)} ({unit})"
-        if row.quantity == RETRACTION_FORCE:
-            label = "retraction energy per metre (N)"
         rows.append(
             [
-                label,
+                f"{name} ({SHOWN[row.quantity.partition('.')[2]][0]})",
                 here,
                 text_of(row.quantity, row.stepped, unit=False),
-                published,
-                f"{row.deviation_percent:+.1f} %",
+                paper,
+                row.deviation_percent,
                 f"{low} to {high}",
+                MARKS[row.explained],
                 row.explained,
-                measured,
-                f"{row.experiment_percent:+.0f} %",
-                f"{row.published_experiment_percent:+.0f} %",
+                experiment,
+                row.experiment_percent,
+                row.published_experiment_percent,
             ]
         )
-        classes.append(row.explained.replace(" ", "-"))
-    return table(head, rows, numeric_from=1, classes=classes)
+    return Table(columns, rows, classes=[row.explained.replace(" ", "-") for row in found.rows])
 
 
-def _inputs(study: PaperValidation) -> str:
-    head = ["input", *(f"{title}: {word}" for title in CASES.values() for word in ("printed", "used", "half unit"))]
+def _inputs(study: PaperValidation) -> Table:
+    columns = [Column("input", left=True)]
+    for title in CASES.values():
+        columns += [
+            Column("printed", group=title),
+            Column("used", group=title),
+            Column("half unit", digits=".2g", group=title),
+        ]
     printed = {case: printed_inputs(case) for case in CASES}
     halves = {case: half_units(case, nominal=True) for case in CASES}
     values = {
         case: parameter_values(study.comparison(case, study.reference, gravity=True).result.problem) for case in CASES
     }
-    rows = []
+    rows: list[list[Cell]] = []
     for key in next(iter(printed.values())):
-        cells = []
+        rows.append([key + (" (nominal)" if key in NOMINAL_KEYS else "")])
         for case in CASES:
             text, scale = printed[case][key].text, printed[case][key].scale
-            cells += [
+            rows[-1] += [
                 text if scale == 1 else f"{text} (in {scale:g} of the unit)",
-                f"{values[case][key]:g}",
-                f"{halves[case][key]:.2g}",
+                float(values[case][key]),
+                halves[case][key],
             ]
-        rows.append([key + (" (nominal)" if key in NOMINAL_KEYS else ""), *cells])
-    return table(head, rows, numeric_from=1)
+    return Table(columns, rows, detail=True)
 
 
-def _claims(study: PaperValidation) -> str:
-    head = ["case", "conclusion"]
+def _claims(study: PaperValidation) -> Table:
+    columns = [Column("case", left=True), Column("conclusion", left=True)]
     for reference in study.claims:
-        head += [f"holds with the force held at the {reference}", "numbers"]
-    rows, classes = [], []
+        group = f"with the force held at the {reference}"
+        columns += [Column("holds", left=True, group=group), Column("numbers", left=True, group=group)]
+    rows: list[list[Cell]] = []
+    classes = []
     for claims in zip(*study.claims.values(), strict=True):
-        cells = [CASES[claims[0].case], claims[0].text]
+        rows.append([CASES[claims[0].case], claims[0].text])
         for claim in claims:
-            cells += ["yes" if claim.holds else "no", claim.numbers]
-        rows.append(cells)
+            rows[-1] += [_yes(claim.holds), claim.numbers]
         classes.append("likely" if all(claim.holds for claim in claims) else "no")
-    return table(head, rows, classes=classes)
+    return Table(columns, rows, classes=classes, detail=True)
 
 
-def _convergence(study: PaperValidation) -> str:
+def _convergence(study: PaperValidation) -> Table:
     curves = study.convergence.curves
-    head = ["nondimensional time step", *(f"{name} (steps)" for name in curves)]
+    columns = [Column("nondimensional time step", left=True), *(Column(f"{name} (steps)") for name in curves)]
     first = next(iter(curves.values()))
     rows = [
         [
@@ -201,37 +232,55 @@ def _convergence(study: PaperValidation) -> str:
     rows.append(["adaptive integrator", *(f"{curve.accurate_ratio:.7f}" for curve in curves.values())])
     begins = [study.convergence.band_time_steps[name] for name in curves]
     rows.append(["within 3 % below", *(f"{begin:.4f}" for begin in begins)])
-    note = "Mean harvesting factor over that of the smallest time step."
-    return paragraph(note, "small") + table(head, rows, numeric_from=1)
+    return Table(columns, rows, detail=True)
 
 
-def _consistency(study: PaperValidation) -> str:
-    checks = [
-        [CASES[check.case], check.what, f"{check.computed:.4g}", check.printed.text, "yes" if check.agrees else "no"]
+def _consistency(study: PaperValidation) -> Iterator[Table]:
+    columns = [
+        Column("case", left=True),
+        Column("printed result of the inputs", left=True),
+        Column("here", digits=".4g"),
+        Column("printed"),
+        Column("agrees"),
+    ]
+    rows: list[list[Cell]] = [
+        [CASES[check.case], check.what, check.computed, check.printed.text, _yes(check.agrees)]
         for check in study.printed_checks
     ]
+    yield Table(columns, rows, detail=True)
     columns = [
+        Column("case", left=True),
+        Column("column", left=True),
+        Column("cycle", "kJ", 1e-3, ".0f"),
+        Column("phases", "kJ", 1e-3, ".0f"),
+        Column("rounding", "kJ", 1e-3, ".0f"),
+        Column("cycle", "s"),
+        Column("phases", "s"),
+        Column("agree"),
+    ]
+    rows = [
         [
             CASES[check.case],
             check.column,
-            f"{1e-3 * check.energy_J:.0f}",
-            f"{1e-3 * check.energy_of_phases_J:.0f}",
-            f"{1e-3 * check.rounding_J:.0f}",
-            f"{check.duration_s:g}",
-            f"{check.duration_of_phases_s:g}",
-            "yes" if check.agrees else "no",
+            check.energy_J,
+            check.energy_of_phases_J,
+            check.rounding_J,
+            check.duration_s,
+            check.duration_of_phases_s,
+            _yes(check.agrees),
         ]
         for check in study.table_checks
     ]
-    head = ["case", "column", "cycle (kJ)", "phases (kJ)", "rounding (kJ)", "cycle (s)", "phases (s)", "agree"]
-    return table(["case", "printed result of the inputs", "here", "printed", "agrees"], checks, numeric_from=2) + table(
-        head, columns, numeric_from=2
+    yield Table(columns, rows, detail=True)
+
+
+def _texts(row: Row) -> tuple[str, str, str]:
+    """Return a number as computed here, as published and as measured."""
+    here, published, measured = (
+        text_of(row.quantity, value, unit=False) for value in (row.simulated, row.published.value, row.experiment.value)
     )
+    return here, published, measured
 
 
-def _three(row: Row) -> tuple[float, float, float]:
-    return row.simulated, row.published.value, row.experiment.value
-
-
-def _mean_percent(numbers: Iterable[float]) -> str:
-    return f"{fmean(numbers):.0f} %"
+def _yes(holds: bool) -> str:
+    return "yes" if holds else "no"

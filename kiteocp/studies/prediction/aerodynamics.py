@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kiteocp.physics.aerodynamics import resultant_coefficient
 from kiteocp.studies.estimation.inversion import invert
-from kiteocp.studies.prediction.study import FlightStudy
+
+if TYPE_CHECKING:
+    from kiteocp.studies.prediction.study import FlightStudy
 
 #: Samples below which a traction is left out, and the least relative variation for a correlation.
 FEWEST, VARYING = 20, 0.05

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from kiteocp.recording.cleaning import FloatArray
 from kiteocp.studies.prediction.predictions import CycleComparison
-from kiteocp.studies.prediction.study import FlightStudy
+
+if TYPE_CHECKING:
+    from kiteocp.studies.prediction.study import FlightStudy
 
 #: Laws and quantities in words.
 LAW_WORDS = {

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,7 +14,9 @@ from kiteocp.studies.prediction.aerodynamics import check_forces
 from kiteocp.studies.prediction.optimum import LEFT_OUT, VARYING, largest
 from kiteocp.studies.prediction.predictions import CLOSE, Prediction
 from kiteocp.studies.prediction.reasons import LAW_WORDS, QUANTITY_WORDS, reasons
-from kiteocp.studies.prediction.study import FlightStudy
+
+if TYPE_CHECKING:
+    from kiteocp.studies.prediction.study import FlightStudy
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,12 +11,15 @@ from kiteocp.errors import InputError, SolveError
 from kiteocp.execution import one_at_a_time
 from kiteocp.problem import Problem
 from kiteocp.recording.data import FlightData
+from kiteocp.report.document import Document, Figure
+from kiteocp.result import Result
 from kiteocp.studies.estimation.wind import WindEstimate
 from kiteocp.studies.prediction.comparison import compare_cycle
 from kiteocp.studies.prediction.kite import EstimatedKite, estimate_kite
 from kiteocp.studies.prediction.measured import measured_cycle
 from kiteocp.studies.prediction.optimum import OptimumStudy, study_optimum
 from kiteocp.studies.prediction.predictions import CycleComparison
+from kiteocp.studies.prediction.report import flight_document, flight_figures
 
 #: Lift coefficients that a kite may have.
 CREDIBLE_LIFTS = {"powered": (0.25, 2.5), "depowered": (0.02, 1.5)}
@@ -59,6 +62,39 @@ class FlightStudy:
     def wind(self) -> WindEstimate:
         """Mean wind of the predicted cycles."""
         return mean_wind([cycle.wind.estimate for cycle in self.cycles])
+
+    def result(self) -> Result:
+        """Return all numbers, under ``flight_validation``; it failed where there is no optimum."""
+        optimum = self.optimum
+        numbers = {
+            "flight": self.flight.name,
+            "samples": len(self.flight),
+            "counts": dict(self.flight.counts),
+            "notes": list(self.flight.notes),
+            "downwind_bearing_deg": self.flight.downwind_bearing_deg,
+            "estimation": self.kite.to_dict(),
+            "cycles": [cycle.to_dict() for cycle in self.cycles],
+            "optimum": None if optimum is None else optimum.to_dict(),
+        }
+        return Result(
+            "validate",
+            self.kite.problem,
+            "failed" if optimum is None else "ok",
+            warnings=self.warnings,
+            details=({"message": self.optimum_message} if optimum is None else {}) | {"flight_validation": numbers},
+        )
+
+    def document(self) -> Document:
+        """Return the tables of the cycles, and what agrees, what does not and why in sentences."""
+        return flight_document(self)
+
+    def files(self) -> Mapping[str, bytes]:
+        """Return what is written beside the numbers: nothing."""
+        return {}
+
+    def figures(self) -> Sequence[Figure]:
+        """Return two figures of each predicted cycle, the comparison, and the optimum where there is one."""
+        return flight_figures(self)
 
 
 @one_at_a_time

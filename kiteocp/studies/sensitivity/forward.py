@@ -21,6 +21,8 @@ from kiteocp.ocp.collocation import FloatArray
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem
 from kiteocp.problem.catalogue import catalogue
+from kiteocp.report.document import Lines, Part
+from kiteocp.report.table import Cell, Column, Table
 from kiteocp.studies.sensitivity.derivatives import key_directions
 
 #: The closed form of the kite at rest has no derivative at weight zero, but just beside it (m/s2).
@@ -159,17 +161,15 @@ def rounding_band(
     return {name: (float(a), float(b)) for name, a, b in zip(QUANTITIES, worst, root, strict=True)}
 
 
-def format_forward(details: Mapping[str, Any]) -> str:
-    """Return the table of `ForwardSensitivity.to_dict`, by falling influence on the mean power of the cycle."""
+def forward_parts(details: Mapping[str, Any]) -> list[Part]:
+    """Return what `ForwardSensitivity.to_dict` says, by falling influence on the mean power of the cycle."""
     cycle, rows = details["forward_cycle"], details["forward_sensitivities"]
     shown = [(part, name) for name in ("mean_power_W", "duration_s") for part in PHASES]
     heads = [f"{letter} {part}" for letter in ("P", "T") for part in ("retr.", "trans.", "tract.")]
-    lines = [
-        f"prescribed cycle: mean power {cycle['cycle']['mean_power_W']:.1f} W in {cycle['cycle']['duration_s']:.1f} s",
-        "",
-        "  ".join(["key".ljust(42), "W per unit".rjust(10), "% per %", *(head.rjust(8) for head in heads)]),
-    ]
-    silent = []
+    columns = [Column("key", left=True), Column("W per unit", digits=".4g"), Column("% per %", digits="+.3f")]
+    columns += [Column(head, digits="+.3f", missing="nan") for head in heads]
+    silent: list[str] = []
+    lines: list[list[Cell]] = []
     for row in sorted(rows, key=lambda row: -abs(row["elasticity"] or 0.0)):
         if not any(slope for part in (*PHASES, "cycle") for slope in row[part].values()):
             silent.append(row["key"])
@@ -178,17 +178,13 @@ def format_forward(details: Mapping[str, Any]) -> str:
             row[part][name] * row["value"] / cycle[part][name] + 0.0 if cycle[part][name] else math.nan
             for part, name in shown
         ]
-        elasticity = math.nan if row["elasticity"] is None else row["elasticity"]
-        numbers = [f"{row['derivative']:>10.4g}", f"{elasticity:>+7.3f}", *(f"{share:>+8.3f}" for share in shares)]
-        lines.append("  ".join([row["key"].ljust(42), *numbers]))
-    return "\n".join(
-        [
-            *lines,
-            "",
-            f"without influence: {', '.join(silent)}",
-            "P, T: mean power and duration of each phase, % per %",
-        ]
-    )
+        lines.append([row["key"], row["derivative"], row["elasticity"], *shares])
+    whole = cycle["cycle"]
+    return [
+        Lines([f"prescribed cycle: mean power {whole['mean_power_W']:.1f} W in {whole['duration_s']:.1f} s"]),
+        Table(columns, lines),
+        Lines([f"without influence: {', '.join(silent)}", "P, T: mean power and duration of each phase, % per %"]),
+    ]
 
 
 def _by_part(numbers: FloatArray) -> dict[str, dict[str, float]]:

@@ -1,4 +1,4 @@
-"""The nominal schedule kept while the numbers of the problem change: what a controller flies that is not told.
+"""The nominal schedule flown open loop while the numbers of the problem change.
 
 Forces, power settings and rates of the optimum are functions of time. On other numbers the kite reels at another speed,
 so that the same times would end elsewhere and the cycle would not close. The comparison with a re-optimised cycle is
@@ -39,11 +39,11 @@ FIRST_TRIM_RAD, LARGEST_TRIM_RAD = 1e-3, 0.3
 #: Cycles flown until the elevation repeats; one is enough where the traction has a constant elevation.
 PASSES = 8
 
-KeptStatus = Literal["flown", "not_flown", "not_closed"]
+OpenLoopStatus = Literal["flown", "not_flown", "not_closed"]
 
 
 @dataclass(frozen=True)
-class KeptCycle:
+class OpenLoopCycle:
     """A nominal schedule flown on other numbers.
 
     Attributes
@@ -58,7 +58,7 @@ class KeptCycle:
         winch is not among them.
     """
 
-    status: KeptStatus
+    status: OpenLoopStatus
     mean_power_W: float | None = None
     exceeded: tuple[str, ...] = ()
 
@@ -67,13 +67,13 @@ class _NotClosedError(Exception):
     """A phase does not reach its end."""
 
 
-def fly_kept(nominal: OptimalCycle, values: ParameterValues, objective: str) -> KeptCycle:
+def fly_open_loop(nominal: OptimalCycle, values: ParameterValues, objective: str) -> OpenLoopCycle:
     """Fly the schedule of an optimum on other numbers, phases stretched to end where the nominal ones do.
 
     Parameters
     ----------
     nominal
-        The optimum whose schedule is kept.
+        The optimum whose schedule is flown.
     values
         The numbers that hold in flight, of the same structure.
     objective
@@ -82,12 +82,12 @@ def fly_kept(nominal: OptimalCycle, values: ParameterValues, objective: str) -> 
     try:
         schedules, flown = _closed_cycle(nominal, values)
     except CycleError:
-        return KeptCycle("not_flown")
+        return OpenLoopCycle("not_flown")
     except _NotClosedError:
-        return KeptCycle("not_closed")
+        return OpenLoopCycle("not_closed")
     records = [record_of_flight(values, *pair) for pair in zip(schedules, flown, strict=True)]
     power = mean_power(records, values, objective)
-    return KeptCycle("flown", power, _exceeded(nominal, values, records))
+    return OpenLoopCycle("flown", power, _exceeded(nominal, values, records))
 
 
 def _closed_cycle(nominal: OptimalCycle, values: ParameterValues) -> tuple[list[Schedule], list[FlownPhase]]:

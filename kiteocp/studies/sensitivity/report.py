@@ -8,6 +8,8 @@ from typing import Any
 
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.problem.catalogue import limit_keys
+from kiteocp.report.document import Document, Lines
+from kiteocp.report.table import Column, Table
 from kiteocp.report.words import listed
 from kiteocp.result import Result
 
@@ -137,59 +139,41 @@ def design_warnings(rows: Sequence[Mapping[str, Any]], force_rules: bool) -> lis
     return warnings
 
 
-def format_sensitivities(result: Result) -> str:
-    """Return the table of a result of verb ``sensitivity``, by falling influence, with shadow prices and warnings."""
+def sensitivities_document(result: Result) -> Document:
+    """Return what a result of verb ``sensitivity`` says: keys by falling influence, shadow prices, warnings."""
     details = result.details
-    lines = [f"{result.problem.name}: sensitivity of the optimal mean power ({result.status})"]
+    title = f"{result.problem.name}: sensitivity of the optimal mean power ({result.status})"
     if message := details.get("message"):
-        lines[0] += f" - {message}"
+        title += f" - {message}"
     if "sensitivities" not in details:
-        return "\n".join(lines)
-    lines += [f"optimal mean power {details['optimal_mean_power_W']:.1f} W ({details['objective']})", ""]
+        return Document(title, [])
+    power = f"optimal mean power {details['optimal_mean_power_W']:.1f} W ({details['objective']})"
     rows = sorted(details["sensitivities"], key=lambda row: -abs(row["elasticity"] or 0.0))
     felt = [row for row in rows if _felt(row)]
-    header = ("key", "value", "unit", "W per unit", "% per %", "holds from", "to", "change (W)", "")
-    cells = [header, *(_cells(row) for row in felt)]
-    widths = [max(len(row[column]) for row in cells) for column in range(len(header))]
-    for row in cells:
-        joined = [
-            row[0].ljust(widths[0]),
-            *(cell.rjust(width) for cell, width in zip(row[1:], widths[1:], strict=True)),
-        ]
-        lines.append("  ".join(joined).rstrip())
+    heads = ("value", "unit", "W per unit", "% per %", "holds from", "to", "change (W)", "")
+    table = Table([Column("key", left=True), *map(Column, heads)], [_cells(row) for row in felt])
     silent = [row["key"] for row in rows if not _felt(row)]
-    if silent:
-        lines += ["", f"without influence: {', '.join(silent)}"]
-    lines += ["", "change: for the stated uncertainty (*), or for -1 % and +1 %"]
+    notes = ["change: for the stated uncertainty (*), or for -1 % and +1 %"]
     if any(row.get("misleading") for row in rows):
-        lines.append("!: re-solving gives a change that differs from the linear one by more than 10 %")
-    for row in felt:
-        if _mixed(row):
-            follows = listed(row["followed_by"], "and")
-            lines.append(
-                f"+: {row['key']} moves {follows} too, by default; alone {row['derivative_alone']:.4g} W per unit"
-            )
-    if details["shadow_prices"]:
-        lines += ["", "limits (at the rate here):"]
-        lines += [f"  {price['text']} ({', '.join(price['phases'])})" for price in details["shadow_prices"]]
-    lines += [f"warning: {text}" for text in result.warnings]
-    return "\n".join(lines)
-
-
-def format_variation(result: Result) -> str:
-    """Return the table of ``details["variation"]``: value, power, tangent, and the limits active for longest."""
-    variation = result.details["variation"]
-    lines = [f"along {variation['key']}:", f"{'value':>12}  {'power (W)':>10}  {'tangent (W)':>11}  status, limits"]
-    for point in variation["points"]:
-        power, tangent = ("-" if point[n] is None else f"{point[n]:.1f}" for n in ("mean_power_W", "tangent_W"))
-        held = [
-            f"{entry['limit'].removeprefix('limits.')} ({phase})"
-            for phase, entries in point["active_limits"].items()
-            for entry in entries[:1]
-        ]
-        note = "; ".join([point["status"], *held])
-        lines.append(f"{point['value']:>12.6g}  {power:>10}  {tangent:>11}  {note}")
-    return "\n".join(lines)
+        notes.append("!: re-solving gives a change that differs from the linear one by more than 10 %")
+    notes += [
+        f"+: {row['key']} moves {listed(row['followed_by'], 'and')} too, by default; alone "
+        f"{row['derivative_alone']:.4g} W per unit"
+        for row in felt
+        if _mixed(row)
+    ]
+    prices = [f"  {price['text']} ({', '.join(price['phases'])})" for price in details["shadow_prices"]]
+    return Document(
+        title,
+        [
+            Lines([power], joined=True),
+            table,
+            Lines([f"without influence: {', '.join(silent)}"] if silent else []),
+            Lines(notes),
+            Lines(["limits (at the rate here):", *prices] if prices else []),
+            Lines([f"warning: {text}" for text in result.warnings], joined=True),
+        ],
+    )
 
 
 def _mixed(row: Mapping[str, Any]) -> bool:

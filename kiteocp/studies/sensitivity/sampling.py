@@ -24,7 +24,7 @@ from kiteocp.physics.parameters import ParameterValues, parameter_values
 from kiteocp.problem import Problem
 from kiteocp.problem.catalogue import catalogue
 from kiteocp.problem.uncertainty import Uncertainty
-from kiteocp.studies.sensitivity.open_loop import KeptCycle, fly_kept
+from kiteocp.studies.sensitivity.open_loop import OpenLoopCycle, fly_open_loop
 
 #: Relative standard deviation where the problem states no uncertainty, and of what (the keys that it has of these).
 USUAL_DEVIATION = 0.05
@@ -44,8 +44,8 @@ USUAL_KEYS = (
 #: A cycle found otherwise counts as better than the warm one by this share of the nominal power.
 BETTER = 1e-4
 
-#: The same for the kept schedule, whose flight differs from the collocation by some 1e-4 and may use limit margins.
-KEPT_BETTER = 2e-3
+#: The same for the open-loop schedule: its flight differs from the collocation by some 1e-4 and may use limit margins.
+OPEN_LOOP_BETTER = 2e-3
 
 SampleStatus = Literal["solved", "infeasible", "failed", "invalid"]
 
@@ -63,14 +63,14 @@ class Sample:
         Optimal mean power of the objective; None unless solved.
     cold_better
         Whether the search from all starts found a better cycle than the warm start; None where it was not asked.
-    kept
+    open_loop
         The nominal schedule flown on the sample; None where it was not asked.
     """
 
     status: SampleStatus
     mean_power_W: float | None = None
     cold_better: bool | None = None
-    kept: KeptCycle | None = None
+    open_loop: OpenLoopCycle | None = None
 
 
 def uncertainties(problem: Problem) -> tuple[dict[str, Uncertainty], bool]:
@@ -126,14 +126,14 @@ class Resolver:
         solver = cycle_solver(values.structure, formulation, solver_options(problem))
         return cls(problem, tuple(keys), solver, formulation, nominal, OptimalCycle.of(solver.program, nominal, values))
 
-    def sample(self, point: Sequence[float], *, kept: bool = False, cold: bool = False) -> Sample:
+    def sample(self, point: Sequence[float], *, open_loop: bool = False, cold: bool = False) -> Sample:
         """Solve one sample.
 
         Parameters
         ----------
         point
             Values of the keys.
-        kept
+        open_loop
             Also fly the nominal schedule on the sample; where that gives more power than re-solving, within all
             limits, the sample is solved from all starts as well.
         cold
@@ -144,7 +144,7 @@ class Resolver:
         except InputError:
             return Sample("invalid")
         values = parameter_values(varied)
-        flown = fly_kept(self.cycle, values, self.problem.optimisation.objective) if kept else None
+        flown = fly_open_loop(self.cycle, values, self.problem.optimisation.objective) if open_loop else None
         power = self._warm(values)
         better: bool | None = None
         suspicious = (
@@ -152,7 +152,7 @@ class Resolver:
             and flown is not None
             and flown.mean_power_W is not None
             and not flown.exceeded
-            and flown.mean_power_W > power + KEPT_BETTER * self._nominal_power_W
+            and flown.mean_power_W > power + OPEN_LOOP_BETTER * self._nominal_power_W
         )
         if power is None or cold or suspicious:
             found = self._cold(values)
@@ -160,7 +160,7 @@ class Resolver:
                 better = None if power is None else found > power + BETTER * self._nominal_power_W
                 power = found if power is None else max(power, found)
             elif power is None:
-                return Sample(found, kept=flown)
+                return Sample(found, open_loop=flown)
         return Sample("solved", power, better, flown)
 
     @property
@@ -201,10 +201,10 @@ def start_process(problem: Problem, keys: Sequence[str], nominal: Solution, form
     _OWN["resolver"] = Resolver.of(problem, keys, nominal, formulation)
 
 
-def sample_in_process(points: FloatArray, kept: Sequence[bool], cold: Sequence[bool]) -> list[Sample]:
+def sample_in_process(points: FloatArray, open_loop: Sequence[bool], cold: Sequence[bool]) -> list[Sample]:
     """Solve some samples in a process of the pool; points of shape (samples, keys)."""
     resolver: Resolver = _OWN["resolver"]
     return [
-        resolver.sample(point, kept=fly, cold=search_too)
-        for point, fly, search_too in zip(points, kept, cold, strict=True)
+        resolver.sample(point, open_loop=fly, cold=search_too)
+        for point, fly, search_too in zip(points, open_loop, cold, strict=True)
     ]

@@ -7,8 +7,6 @@ limits are in the result. Indices are those of Sobol, estimated by `scipy.stats.
 from __future__ import annotations
 
 import contextlib
-import csv
-import io
 import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -17,7 +15,6 @@ from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
 from multiprocessing import active_children, get_context
 from multiprocessing.process import BaseProcess
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,7 +28,7 @@ from kiteocp.optimum.refine import optimise
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem
 from kiteocp.problem.uncertainty import Uncertainty
-from kiteocp.result import write_atomically
+from kiteocp.report.table import Cell, Column, Table
 from kiteocp.studies.sensitivity.sampling import (
     Resolver,
     Sample,
@@ -81,19 +78,22 @@ class GlobalStudy:
     samples: tuple[Sample, ...]
     summary: dict[str, Any]
 
-    def save(self, directory: Path) -> Path:
-        """Write all samples as a table, those without an optimum too."""
-        stream = io.StringIO()
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow([*self.keys, "status", "mean_power_W", "kept_status", "kept_mean_power_W", "kept_exceeds"])
+    def table(self) -> Table:
+        """Return all samples, those without an optimum too."""
+        names = (
+            *self.keys,
+            "status",
+            "mean_power_W",
+            "open_loop_status",
+            "open_loop_mean_power_W",
+            "open_loop_exceeds",
+        )
+        rows: list[tuple[Cell, ...]] = []
         for point, sample in zip(self.points, self.samples, strict=True):
-            kept = sample.kept
-            told = ("", None, ()) if kept is None else (kept.status, kept.mean_power_W, kept.exceeded)
-            cells = [*map(float, point), sample.status, sample.mean_power_W, *told[:2], " ".join(told[2])]
-            writer.writerow(["" if cell is None else cell for cell in cells])
-        path = directory / SAMPLES_FILE
-        write_atomically({path: stream.getvalue().encode()})
-        return path
+            kept = sample.open_loop
+            told = ("", None, "") if kept is None else (kept.status, kept.mean_power_W, " ".join(kept.exceeded))
+            rows.append((*map(float, point), sample.status, sample.mean_power_W, *told))
+        return Table([Column(key=name) for name in names], rows)
 
 
 def base_samples(problem: Problem, samples: int) -> int:
@@ -162,8 +162,8 @@ def global_sensitivity(
     keys = tuple(given)
     nominal = optimise(problem, certificate="quick")
     points = sobol_points(problem, given, bases, seed)
-    # The distribution and the kept schedules take A and B, which are independent; the rest serves the indices.
-    kept = np.arange(len(points)) < 2 * bases
+    # The distribution and the open-loop schedule take A and B, which are independent; the rest serves the indices.
+    open_loop = np.arange(len(points)) < 2 * bases
     cold = np.arange(len(points)) % COLD_EVERY == 0
     tell = progress or (lambda done, total: None)
     done: list[Sample | None] = [None] * len(points)
@@ -171,10 +171,12 @@ def global_sensitivity(
         if jobs == 1:
             resolver = Resolver.of(problem, keys, nominal.solution, nominal.formulation)
             for place, point in enumerate(points):
-                done[place] = resolver.sample(point, kept=bool(kept[place]), cold=bool(cold[place]))
+                done[place] = resolver.sample(point, open_loop=bool(open_loop[place]), cold=bool(cold[place]))
                 tell(place + 1, len(points))
         else:
-            _in_processes((problem, keys, nominal.solution, nominal.formulation), points, kept, cold, jobs, tell, done)
+            _in_processes(
+                (problem, keys, nominal.solution, nominal.formulation), points, open_loop, cold, jobs, tell, done
+            )
     except KeyboardInterrupt:
         if keep is not None:
             finished = [place for place, sample in enumerate(done) if sample is not None]
@@ -183,7 +185,7 @@ def global_sensitivity(
     found = [sample for sample in done if sample is not None]
     own = Resolver.of(problem, keys, nominal.solution, nominal.formulation)
     values = parameter_values(problem)
-    at_nominal = own.sample([values[key] for key in keys], kept=True).kept
+    at_nominal = own.sample([values[key] for key in keys], open_loop=True).open_loop
     power = np.array([np.nan if sample.mean_power_W is None else sample.mean_power_W for sample in found])
     f_a, f_b = power[:bases], power[bases : 2 * bases]
     indices = sobol_intervals(f_a, f_b, power[2 * bases :].reshape(len(keys), bases), seed)
@@ -271,7 +273,7 @@ def _indices(values: FloatArray) -> FloatArray:
 def _in_processes(
     start: tuple[Any, ...],
     points: FloatArray,
-    kept: NDArray[np.bool_],
+    open_loop: NDArray[np.bool_],
     cold: NDArray[np.bool_],
     jobs: int,
     tell: Progress,
@@ -285,7 +287,9 @@ def _in_processes(
     try:
         places = [slice(first, first + CHUNK) for first in range(0, len(points), CHUNK)]
         with _interruption_not_inherited():
-            tasks = {pool.submit(sample_in_process, points[s], kept[s].tolist(), cold[s].tolist()): s for s in places}
+            tasks = {
+                pool.submit(sample_in_process, points[s], open_loop[s].tolist(), cold[s].tolist()): s for s in places
+            }
         workers = set(active_children()) - others
         done = 0
         for task in as_completed(tasks):

@@ -12,7 +12,9 @@ import numpy as np
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem
 from kiteocp.problem.uncertainty import Uncertainty
-from kiteocp.studies.sensitivity.open_loop import KeptCycle
+from kiteocp.report.document import Lines, Part
+from kiteocp.report.table import Cell, Column, Table
+from kiteocp.studies.sensitivity.open_loop import OpenLoopCycle
 from kiteocp.studies.sensitivity.sampling import USUAL_DEVIATION, Sample
 
 #: Quantiles that are told, in percent.
@@ -21,9 +23,9 @@ QUANTILES = (5, 50, 95)
 #: Bars of the histogram at most; fewer where there are few samples, the square root of their number.
 MOST_BINS = 24
 
-#: Every status a sample and a kept schedule can have, so that zeros are told too.
+#: Every status a sample and a open-loop schedule can have, so that zeros are told too.
 STATUSES = ("solved", "infeasible", "failed", "invalid")
-KEPT_STATUSES = ("flown", "not_flown", "not_closed")
+OPEN_LOOP_STATUSES = ("flown", "not_flown", "not_closed")
 
 NO_UNCERTAINTY = (
     "the problem file states no uncertainty: a relative standard deviation of "
@@ -38,7 +40,7 @@ def global_summary(
     samples: Sequence[Sample],
     bases: int,
     indices: Sequence[Mapping[str, float]],
-    nominal_kept: KeptCycle | None,
+    nominal_open_loop: OpenLoopCycle | None,
 ) -> dict[str, Any]:
     """Return what the samples say.
 
@@ -52,7 +54,7 @@ def global_summary(
         Number of base samples.
     indices
         For each key, of `kiteocp.studies.sensitivity.sobol.sobol_intervals`.
-    nominal_kept
+    nominal_open_loop
         The nominal schedule flown on the nominal numbers.
     """
     values = parameter_values(problem)
@@ -76,7 +78,7 @@ def global_summary(
             {"key": key, **{name: _finite(number) for name, number in row.items()}}
             for key, row in zip(given, indices, strict=True)
         ],
-        "reoptimising": _reoptimising(independent, nominal_kept),
+        "reoptimising": _reoptimising(independent, nominal_open_loop),
     }
 
 
@@ -117,35 +119,37 @@ def _finite(number: float) -> float | None:
     return number if np.isfinite(number) else None
 
 
-def _reoptimising(samples: Sequence[Sample], nominal: KeptCycle | None) -> dict[str, Any]:
-    """Compare the kept schedule with the re-solved optimum, on the samples that have both."""
-    kept = [sample.kept for sample in samples if sample.kept is not None]
+def _reoptimising(samples: Sequence[Sample], nominal: OpenLoopCycle | None) -> dict[str, Any]:
+    """Compare the open-loop schedule with the re-solved optimum, on the samples that have both."""
+    flown = [sample.open_loop for sample in samples if sample.open_loop is not None]
     pairs = [
-        (sample.mean_power_W, sample.kept.mean_power_W, bool(sample.kept.exceeded))
+        (sample.mean_power_W, sample.open_loop.mean_power_W, bool(sample.open_loop.exceeded))
         for sample in samples
-        if sample.kept is not None and sample.kept.mean_power_W is not None and sample.mean_power_W is not None
+        if sample.open_loop is not None
+        and sample.open_loop.mean_power_W is not None
+        and sample.mean_power_W is not None
     ]
     return {
-        "kept_status": _counted((cycle.status for cycle in kept), KEPT_STATUSES),
-        "kept_exceeds_a_limit": sum(bool(cycle.exceeded) for cycle in kept),
-        "exceeded_limits": dict(Counter(key for cycle in kept for key in cycle.exceeded).most_common()),
-        "nominal_kept_mean_power_W": None if nominal is None else nominal.mean_power_W,
+        "open_loop_status": _counted((cycle.status for cycle in flown), OPEN_LOOP_STATUSES),
+        "open_loop_exceeds_a_limit": sum(bool(cycle.exceeded) for cycle in flown),
+        "exceeded_limits": dict(Counter(key for cycle in flown for key in cycle.exceeded).most_common()),
+        "nominal_open_loop_mean_power_W": None if nominal is None else nominal.mean_power_W,
         "within_limits": _value([pair[:2] for pair in pairs if not pair[2]]),
         "all_flown": _value([pair[:2] for pair in pairs]),
     }
 
 
 def _value(pairs: Sequence[tuple[float, float]]) -> dict[str, Any]:
-    names = ["reoptimised_mean_W", "kept_mean_W", "value_mean_W", *(f"value_quantile_{q}_W" for q in QUANTILES)]
+    names = ["reoptimised_mean_W", "open_loop_mean_W", "value_mean_W", *(f"value_quantile_{q}_W" for q in QUANTILES)]
     if not pairs:
         return {"samples": 0, **dict.fromkeys(names)}
-    solved, kept = np.array(pairs).T
-    numbers = [solved.mean(), kept.mean(), (solved - kept).mean(), *np.percentile(solved - kept, QUANTILES)]
+    solved, flown = np.array(pairs).T
+    numbers = [solved.mean(), flown.mean(), (solved - flown).mean(), *np.percentile(solved - flown, QUANTILES)]
     return {"samples": len(pairs), **{name: float(number) for name, number in zip(names, numbers, strict=True)}}
 
 
-def format_global(summary: Mapping[str, Any]) -> str:
-    """Return the table of ``details["global"]``."""
+def global_parts(summary: Mapping[str, Any]) -> list[Part]:
+    """Return what ``details["global"]`` says."""
     spread, lines = summary["distribution"], ["global sensitivity of the optimal mean power:"]
     if summary["note"]:
         lines.append(f"  {summary['note']}")
@@ -171,41 +175,39 @@ def format_global(summary: Mapping[str, Any]) -> str:
             f"  mean {spread['mean_W']:.0f} W (nominal {summary['nominal_mean_power_W']:.0f} W), "
             f"standard deviation {spread['standard_deviation_W']:.0f} W; quantiles in W: {told}"
         )
-    lines += ["", *_index_table(summary), "", *_value_lines(summary["reoptimising"])]
-    return "\n".join(lines)
+    return [Lines(lines), _index_table(summary), Lines(_value_lines(summary["reoptimising"]))]
 
 
-def _index_table(summary: Mapping[str, Any]) -> list[str]:
-    rows = sorted(summary["indices"], key=lambda row: -(row["total_order"] or 0.0))
+def _index_table(summary: Mapping[str, Any]) -> Table:
     deviations = {row["key"]: row["standard_deviation"] for row in summary["uncertainties"]}
-    width = max(len(row["key"]) for row in rows)
-    confidence = f"{100 * summary['confidence']:g} %"
-    lines = [f"{'key':<{width}}  {'sd':>9}  {'first order':>11}  {confidence:>15}  {'total':>6}  {confidence:>15}"]
-    for row in rows:
-        cells = [f"{row['key']:<{width}}", f"{deviations[row['key']]:>9.4g}"]
-        for name, space in (("first_order", 11), ("total_order", 6)):
-            if row[name] is None:
-                cells += [f"{'-':>{space}}", f"{'-':>15}"]
-            else:
-                interval = f"{row[f'{name}_from']:.3f} .. {row[f'{name}_to']:.3f}"
-                cells += [f"{row[name]:>{space}.3f}", f"{interval:>15}"]
-        lines.append("  ".join(cells))
-    return lines
+    interval = f"{100 * summary['confidence']:g} %"
+    columns = [Column("key", left=True), Column("sd", digits=".4g")]
+    for title in ("first order", "total"):
+        columns += [Column(title, digits=".3f", missing="-"), Column(interval)]
+    rows: list[list[Cell]] = []
+    for row in sorted(summary["indices"], key=lambda row: -(row["total_order"] or 0.0)):
+        cells: list[Cell] = [row["key"], deviations[row["key"]]]
+        for name in ("first_order", "total_order"):
+            ends = "-" if row[name] is None else f"{row[f'{name}_from']:.3f} .. {row[f'{name}_to']:.3f}"
+            cells += [row[name], ends]
+        rows.append(cells)
+    return Table(columns, rows)
 
 
 def _value_lines(facts: Mapping[str, Any]) -> list[str]:
-    status = facts["kept_status"]
+    status = facts["open_loop_status"]
     lines = [
-        "value of re-optimising against keeping the nominal schedule (phases stretched to end where they did):",
-        f"  kept schedule: {status['flown']} of {sum(status.values())} flown, of which {facts['kept_exceeds_a_limit']} "
-        f"exceed a limit; {status['not_flown']} cannot be flown, {status['not_closed']} do not close",
+        "value of re-optimising over flying the nominal schedule open loop (phases stretched to end where they did):",
+        f"  open-loop schedule: {status['flown']} of {sum(status.values())} flown, of which "
+        f"{facts['open_loop_exceeds_a_limit']} exceed a limit; "
+        f"{status['not_flown']} cannot be flown, {status['not_closed']} do not close",
     ]
     for name, words in (("within_limits", "flown within all limits"), ("all_flown", "all flown")):
         value = facts[name]
         if value["samples"]:
             lines.append(
-                f"  {words} ({value['samples']}): re-optimised {value['reoptimised_mean_W']:.0f} W, kept "
-                f"{value['kept_mean_W']:.0f} W; value {value['value_mean_W']:.0f} W on average "
+                f"  {words} ({value['samples']}): re-optimised {value['reoptimised_mean_W']:.0f} W, open loop "
+                f"{value['open_loop_mean_W']:.0f} W; value {value['value_mean_W']:.0f} W on average "
                 f"(5 %: {value['value_quantile_5_W']:.0f} W, 95 %: {value['value_quantile_95_W']:.0f} W)"
             )
     return lines

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,7 +18,9 @@ from kiteocp.optimum.refine import Optimum, optimise
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem
 from kiteocp.problem.catalogue import limit_keys
-from kiteocp.result import Result, write_atomically
+from kiteocp.report.document import Heading, Part
+from kiteocp.report.table import Column, Table
+from kiteocp.result import Result
 
 VARIATION_FILE = "variation.csv"
 
@@ -52,32 +51,41 @@ class Variation:
         """Return the variation as plain values for the summary."""
         return {"key": self.key, "points": list(self.points)}
 
-    def save(self, directory: Path) -> Path:
-        """Write the points as a table, one column for each limit that a phase may have, whether met or not.
+    def table(self) -> Table:
+        """Return the points: for a person the limits active for longest, in CSV each that a phase may have.
 
-        Its cells are shares of the time of the phase, 0 where the limit is not active.
+        The cells of these are shares of the time of the phase, 0 where the limit is not active.
         """
         names = [(phase, name) for phase in PHASES for name in self.limits]
-        stream = io.StringIO()
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow([self.key, "mean_power_W", "tangent_W", "status", *(f"{p}:{n}" for p, n in names)])
+        columns = [
+            Column("value", digits=".6g", key=self.key),
+            Column("power", "W", digits=".1f", missing="-", key="mean_power_W"),
+            Column("tangent", "W", digits=".1f", missing="-", key="tangent_W"),
+            Column("status", left=True, key="status"),
+            Column("limits active for longest", left=True),
+            *(Column(key=f"{phase}:{name}", shown=False) for phase, name in names),
+        ]
+        rows = []
         for point in self.points:
-            shares = [share_of(point, phase, name) for phase, name in names]
-            head = [point["value"], point["mean_power_W"], point["tangent_W"], point["status"]]
-            writer.writerow(["" if cell is None else cell for cell in (*head, *shares)])
-        path = directory / VARIATION_FILE
-        write_atomically({path: stream.getvalue().encode()})
-        return path
+            head = (point["value"], point["mean_power_W"], point["tangent_W"], point["status"])
+            held = [
+                f"{entry['limit'].removeprefix('limits.')} ({phase})"
+                for phase, entries in point["active_limits"].items()
+                for entry in entries[:1]
+            ]
+            rows.append((*head, "; ".join(held), *(share_of(point, phase, name) for phase, name in names)))
+        return Table(columns, rows)
+
+    def parts(self) -> list[Part]:
+        """Return what a person reads."""
+        return [Heading(f"along {self.key}:"), self.table()]
 
     @property
     def limits(self) -> list[str]:
         """Return the keys of all limits that are numbers, and of any other that is active at some point."""
         declared = limit_keys()
         met = [
-            entry["limit"]
-            for point in self.points
-            for entries in point["active_limits"].values()
-            for entry in entries
+            entry["limit"] for point in self.points for entries in point["active_limits"].values() for entry in entries
         ]
         return list(dict.fromkeys([*declared, *sorted(met)]))
 

@@ -6,7 +6,6 @@ import argparse
 
 from kiteocp.cli.output import say
 
-NAME = "list"
 HELP = "list the shipped problems"
 
 
