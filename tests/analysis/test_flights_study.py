@@ -6,6 +6,7 @@ import json
 import os
 from dataclasses import replace
 from functools import cache
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,7 @@ from kiteocp.cli.main import main
 from kiteocp.physics.flight import flight_state
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.recording import FlightData, load_flight
+from kiteocp.report.document import WIDTH
 from kiteocp.studies.estimation.synthetic import Noise
 from kiteocp.studies.prediction.aerodynamics import check_forces
 from kiteocp.studies.prediction.comparison import compare_cycle
@@ -347,9 +349,19 @@ def test_the_summary_is_plain_and_the_text_names_flown_and_optimal() -> None:
     assert json.loads(json.dumps(validation, allow_nan=False)) == validation
     assert {cycle["cycle"] for cycle in validation["cycles"]} == {1}
     assert validation["optimum"]["flown_mean_power_W"] == pytest.approx(study.cycles[0].measured.mean_power_W)
-    text = study.document().text()
+    # Sentences are for people.
+    assert "statements" not in validation
+    text, page = study.document().text(), study.document().html()
     assert "Flown 14.3 kW, optimal" in text
-    assert max(map(len, text.splitlines())) <= 120
+    assert max(map(len, text.splitlines())) <= WIDTH
+    (whole,) = (line for line in text.splitlines() if line.startswith("cycle "))
+    for power in study.cycles[0].power.values():
+        assert f"{1e-3 * power.predicted:.2f}" in whole
+    for sentences in statements(study).values():
+        assert all(escape(sentence) in page for sentence in sentences)
+    # The way to the optimum is too much for a terminal.
+    assert study.optimum is not None
+    assert all(f"<td>{name}</td>" in page for name in study.optimum.contributions)
 
 
 @pytest.mark.usefixtures("no_optimum")

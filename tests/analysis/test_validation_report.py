@@ -22,6 +22,7 @@ from kiteocp.studies.paper.convergence import convergence_study
 from kiteocp.studies.paper.isolines import mass_isolines
 from kiteocp.studies.paper.paper import PaperValidation, validate_paper
 from kiteocp.studies.paper.published import CASES
+from kiteocp.studies.paper.report import MARKS
 from kiteocp.studies.paper.tables import Comparison
 from kiteocp.verbs import verb_named
 
@@ -93,16 +94,31 @@ def test_report_is_one_page_that_needs_nothing_else(study: PaperValidation) -> N
 
 def test_tables_show_the_numbers(study: PaperValidation) -> None:
     text = study.document().text()
-    assert all(len(line) <= WIDTH + 32 for line in text.splitlines())
-    lines = [line for line in text.splitlines() if line.startswith("cycle power (kW)")]
-    for line, gravity in zip(lines[:2], (False, True), strict=True):
-        row = study.comparison("strong-wind", "kite", gravity=gravity).row("cycle.mean_power_W")
+    assert all(len(line) <= WIDTH for line in text.splitlines())
+    lines = [line for line in text.splitlines() if line.startswith("cycle power")]
+    shown = (("kite", False), ("kite", True), ("ground", True))
+    expected = [(case, *which) for case in CASES for which in shown]
+    assert len(lines) == len(expected)
+    for line, (case, reference, gravity) in zip(lines, expected, strict=True):
+        row = study.comparison(case, reference, gravity=gravity).row("cycle.mean_power_W")
         numbers = [float(number) for number in re.findall(r"[-+]?\d+\.?\d*", line)]
         powers = (row.simulated, row.published.value, row.band.low, row.band.high, row.experiment.value)
         # Printed to 0.01 kW and 0.1 %, the last to 1 %.
         assert [numbers[i] for i in (0, 1, 3, 4, 5)] == pytest.approx([1e-3 * power for power in powers], abs=0.0051)
         assert numbers[2] == pytest.approx(row.deviation_percent, abs=0.051)
         assert numbers[6] == pytest.approx(row.experiment_percent, abs=0.51)
+        assert f" {MARKS[row.explained]} " in line
+
+
+def test_the_page_has_what_is_too_much_for_a_terminal(study: PaperValidation) -> None:
+    text, page = study.document().text(), page_of(study.document().html())
+    row = study.comparison("strong-wind", "kite", gravity=True).row("cycle.mean_power_W")
+    assert f"{1e-3 * row.stepped:.2f}" in page.text
+    for words in ("with the paper's time step", "Richardson's limit", "Computed by kiteocp", "(nominal)"):
+        assert words in page.text
+        assert words not in text
+    for claim in study.claims["ground"]:
+        assert claim.numbers in page.text
 
 
 def moved(comparison: Comparison, quantity: str, share: float) -> Comparison:
@@ -168,6 +184,8 @@ def test_summary_keeps_the_contract(study: PaperValidation) -> None:
     assert rows["cycle.duration_s"]["explained_by_rounding"] == row.explained
     assert rows["cycle.duration_s"]["rounding_band"]["low"] == row.band.low
     assert set(summary["validation"]["convergence"]) == set(study.convergence.curves)
+    # Sentences are for people.
+    assert "statements" not in summary["validation"]
 
 
 @pytest.mark.usefixtures("_computed")
@@ -226,7 +244,8 @@ def test_whole_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> No
     assert "What lies outside" in capsys.readouterr().out
 
 
-def test_pictures_are_those_that_are_drawn() -> None:
+def test_pictures_are_those_that_are_drawn(study: PaperValidation) -> None:
     verb = verb_named("validate")
     assert verb is not None
+    assert [figure.stem for figure in study.figures()] == list(CAPTIONS)
     assert set(CAPTIONS) <= set(verb.pictures)

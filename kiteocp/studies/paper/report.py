@@ -127,10 +127,10 @@ def _case(study: PaperValidation, case: str) -> Iterator[Part]:
     yield Heading(f"{CASES[case].capitalize()}: the phases")
     yield Paragraph(f"{study.comparison(case, study.reference, gravity=True).result.problem.description}.")
     (other,) = {found.reference for found in study.comparisons} - {study.reference}
-    # Without weight the references are the same.
     for reference, gravity in ((study.reference, False), (study.reference, True), (other, True)):
-        held = f"gravity included, tether force held at the {reference}" if gravity else "gravity excluded"
-        yield Heading(f"{CASES[case].capitalize()}, {held}", level=3)
+        # Without weight the references are the same.
+        held = f"included, force held at the {reference}" if gravity else "excluded, force held at either end"
+        yield Heading(f"{CASES[case].capitalize()}, gravity {held}", level=3)
         yield _phases(study.comparison(case, reference, gravity=gravity))
 
 

@@ -60,6 +60,9 @@ _METHOD = (
     "the flown cycle are replaced by those of the optimum (Shapley values).",
 )
 
+#: How the wind of a predicted cycle is known, where it is its own.
+_WIND_SOURCES = {"airspeed": ", by the gauged airspeed", "measured": ", as measured at height"}
+
 #: What the figures show; those of a cycle have its number behind their name.
 _CYCLE_CAPTIONS = {
     "cycle": "One cycle as flown, and as the model flies it: each phase at constant force from where it began, and "
@@ -105,7 +108,10 @@ def flight_document(study: FlightStudy) -> Document:
         wind = cycle.wind.estimate
         parts += [
             Heading(f"Cycle {cycle.measured.number}"),
-            Paragraph(f"{wind.reference_speed_m_s:.1f} m/s of wind at {wind.reference_height_m:g} m."),
+            Paragraph(
+                f"{wind.reference_speed_m_s:.1f} m/s of wind at {wind.reference_height_m:g} m"
+                f"{_WIND_SOURCES.get(wind.source, '')}."
+            ),
             _cycle(cycle),
         ]
     parts += [Heading("How it is done", detail=True), Bullets(_METHOD, detail=True), Paragraph(LEGEND, small=True)]
