@@ -12,7 +12,7 @@ from kiteocp.errors import InputError
 
 if TYPE_CHECKING:
     from kiteocp.problem import Problem
-    from kiteocp.studies.estimation.estimates import Estimation
+    from kiteocp.studies.protocol import Study
 
 HELP = "estimate the aerodynamics of a kite, and the wind, from flight data"
 
@@ -92,17 +92,20 @@ def run(arguments: argparse.Namespace) -> int:
     return run_study(arguments, asked, place_of(arguments, asked), lambda: _estimated(arguments, problem))
 
 
-def _estimated(arguments: argparse.Namespace, problem: Problem) -> Estimation:
-    from kiteocp.recording import load_flight  # noqa: PLC0415
+def _estimated(arguments: argparse.Namespace, problem: Problem) -> Study:
+    from kiteocp.recording import load_flight  # noqa: PLC0415  (keeps --help fast, as those below)
+    from kiteocp.studies.estimation.replacement import FILE, problem_yaml  # noqa: PLC0415
+    from kiteocp.studies.estimation.report import estimates_document  # noqa: PLC0415
     from kiteocp.studies.estimation.study import estimate  # noqa: PLC0415
     from kiteocp.studies.estimation.unknowns import WindUnknowns  # noqa: PLC0415
+    from kiteocp.studies.protocol import ResultStudy  # noqa: PLC0415
 
     flight = load_flight(arguments.flight, arguments.columns)
     if not (flight.phase == "traction").any():
         raise InputError(
             "has no sample of the traction; check the phase labels of the column map", file=str(arguments.flight)
         )
-    return estimate(
+    found = estimate(
         flight,
         problem,
         wind=arguments.wind,
@@ -111,6 +114,7 @@ def _estimated(arguments: argparse.Namespace, problem: Problem) -> Estimation:
         ground_height_m=arguments.ground_height,
         unknowns=WindUnknowns(**_given_unknowns(arguments)),
     )
+    return ResultStudy(found.result(), estimates_document, {FILE: problem_yaml(found).encode()})
 
 
 def _given_unknowns(arguments: argparse.Namespace) -> dict[str, float]:

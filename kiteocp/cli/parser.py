@@ -6,7 +6,7 @@ import argparse
 import difflib
 import math
 from collections.abc import Iterable
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from kiteocp.errors import InputError
 from kiteocp.verbs import PICTURE_FORMATS
@@ -15,9 +15,9 @@ from kiteocp.verbs import PICTURE_FORMATS
 class Parser(argparse.ArgumentParser):
     """An `argparse.ArgumentParser` that raises `InputError` instead of printing a usage block and leaving."""
 
-    def __init__(self, *args: object, **options: object) -> None:
+    def __init__(self, *args: Any, **options: Any) -> None:
         # Abbreviated options would change their meaning when an option is added.
-        super().__init__(*args, **{"allow_abbrev": False, **options})  # type: ignore[arg-type]
+        super().__init__(*args, **{"allow_abbrev": False, **options})
 
     def error(self, message: str) -> NoReturn:
         """Raise `InputError` with the message of argparse and where to look."""

@@ -16,6 +16,7 @@ import casadi as ca
 from kiteocp.physics.atmosphere import logarithmic_wind_speed, power_law_wind_speed, tabulated_wind_speed
 from kiteocp.physics.parameters import Parameters, ParameterValues, Structure, parameters_of
 from kiteocp.problem import Problem
+from kiteocp.problem.consistency import LOGARITHMIC_LAW_HEIGHT_MAX_M
 from kiteocp.report.words import rounded
 
 #: Stands for the wind speed where keys are named; of a table it is all its speeds.
@@ -25,9 +26,6 @@ _SPEED, _HEIGHT = f"{WIND}.reference_speed_m_s", f"{WIND}.reference_height_m"
 
 #: Height at which wind is measured by convention (World Meteorological Organization), m.
 STANDARD_HEIGHT_M = 10.0
-
-#: Above this height the logarithmic law is not meant to hold (section 2.1 of the paper).
-LOGARITHMIC_LAW_HEIGHT_M = 500.0
 
 Numbers = Parameters | ParameterValues
 
@@ -62,11 +60,11 @@ def _heights(numbers: Numbers) -> list[Any]:
 
 
 def _above_the_law(_values: ParameterValues, _lowest: float, highest: float) -> str | None:
-    if highest <= LOGARITHMIC_LAW_HEIGHT_M + 0.5:
+    if highest <= LOGARITHMIC_LAW_HEIGHT_MAX_M + 0.5:
         return None
     return (
         f"the kite flies up to {highest:.0f} m; the logarithmic wind profile is meant for heights up to "
-        f"{LOGARITHMIC_LAW_HEIGHT_M:.0f} m"
+        f"{LOGARITHMIC_LAW_HEIGHT_MAX_M:.0f} m"
     )
 
 

@@ -17,8 +17,7 @@ from matplotlib.figure import Figure
 
 from kiteocp.errors import InputError
 from kiteocp.result import write_atomically
-
-FORMATS: tuple[str, ...] = ("png", "svg", "pdf")
+from kiteocp.verbs import PICTURE_FORMATS
 
 INK = "#222222"
 GREY = "#767676"
@@ -127,8 +126,8 @@ def save_figure(figure: Figure, path: Path, formats: Sequence[str]) -> list[Path
     """
     contents: dict[Path, bytes] = {}
     for suffix in formats:
-        if suffix not in FORMATS:
-            raise InputError(f"picture format '{suffix}' is not known; choose from {', '.join(FORMATS)}")
+        if suffix not in PICTURE_FORMATS:
+            raise InputError(f"picture format '{suffix}' is not known; choose from {', '.join(PICTURE_FORMATS)}")
         contents[path.with_name(f"{path.name}.{suffix}")] = figure_bytes(figure, suffix)
     write_atomically(contents)
     return list(contents)

@@ -132,16 +132,16 @@ class Table:
 
     def html(self) -> str:
         """Return the element ``table``."""
-        head = "".join(f"<th{_kind(c)}>{escape(c.heading)}</th>" for c in self.columns)
+        kept = [i for i, column in enumerate(self.columns) if column.shown]
+        columns = [self.columns[i] for i in kept]
+        head = "".join(f"<th{_kind(c)}>{escape(c.heading)}</th>" for c in columns)
         groups = ""
-        if any(column.group for column in self.columns):
-            spans = "".join(
-                f'<th colspan="{len(places)}">{escape(name)}</th>' for places, name in _groups(self.columns)
-            )
+        if any(column.group for column in columns):
+            spans = "".join(f'<th colspan="{len(places)}">{escape(name)}</th>' for places, name in _groups(columns))
             groups = f"<tr>{spans}</tr>"
         lines = []
         for row, name in zip(self.texts(), self.classes or [""] * len(self.rows), strict=True):
-            cells = (f"<td{_kind(c)}>{escape(text)}</td>" for c, text in zip(self.columns, row, strict=True))
+            cells = (f"<td{_kind(self.columns[i])}>{escape(row[i])}</td>" for i in kept)
             lines.append(f"<tr{class_of(name)}>{''.join(cells)}</tr>")
         return (
             f'<div class="wide"><table><thead>{groups}<tr>{head}</tr></thead>'

@@ -11,16 +11,12 @@ from numpy.typing import NDArray
 
 from kiteocp.problem import Problem
 from kiteocp.recording import FlightData
-from kiteocp.report.document import Document, Figure
 from kiteocp.result import Result
 from kiteocp.studies.estimation.bias import RoundTrip
 from kiteocp.studies.estimation.fit import CoefficientFit
 from kiteocp.studies.estimation.inversion import COEFFICIENTS, Inversion
 from kiteocp.studies.estimation.phases import WAYS, PhaseEstimate
-from kiteocp.studies.estimation.replacement import FILE, problem_yaml
-from kiteocp.studies.estimation.report import estimates_document
 from kiteocp.studies.estimation.wind import WindEstimate
-from kiteocp.studies.protocol import figures_of
 
 #: Quantities of the inversion that every time series carries.
 _DERIVED = (
@@ -126,18 +122,6 @@ class Estimation:
             channels=self.channels(),
             details={"estimates": self.to_dict()},
         )
-
-    def document(self) -> Document:
-        """Return what a person reads."""
-        return estimates_document(self.result())
-
-    def files(self) -> dict[str, bytes]:
-        """Return the problem file with the estimated coefficients and wind."""
-        return {FILE: problem_yaml(self).encode()}
-
-    def figures(self) -> list[Figure]:
-        """Return the picture of the estimates."""
-        return figures_of(self.result())
 
     def channels(self) -> dict[str, NDArray[Any]]:
         """Return the time series: what was measured, and what every sample says."""

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import yaml
 
 from kiteocp.errors import printable
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem
+from kiteocp.studies.estimation.estimates import Estimation
 from kiteocp.studies.estimation.wind import wind_speeds
-
-if TYPE_CHECKING:
-    from kiteocp.studies.estimation.estimates import Estimation
 
 FILE = "estimated.yaml"
 

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from statistics import fmean
 from typing import TYPE_CHECKING
 
+from kiteocp.report.words import listed
 from kiteocp.studies.paper.claims import Claim
 from kiteocp.studies.paper.published import CASES, PAPER_BAND_TIME_STEP, PAPER_STEPS, PAPER_TIME_STEP
 from kiteocp.studies.paper.rounding import REEL_OUT_ENERGY, RETRACTION_FORCE
@@ -72,7 +73,7 @@ def _in_short(study: PaperValidation) -> list[str]:
         f"powers. The energy of transition and traction together is {_range(energies)} % off.",
         f"With gravity, {nearer} of {len(included)} numbers are nearer to the experiment than the published ones.",
         f"Of {claims} conclusions that the paper draws from its tables, "
-        + _listed(f"{count} hold with the force held at the {reference}" for reference, count in holding.items())
+        + listed([f"{count} hold with the force held at the {where}" for where, count in holding.items()], "and")
         + ".",
     ]
     if begins:
@@ -93,9 +94,9 @@ def _on_rounding(study: PaperValidation) -> list[str]:
         explained = by_class["likely"] + by_class["at worst"]
         count = len(comparison.published_rows)
         text = f"{_title(comparison)}: rounding explains {len(explained)} of {count} numbers"
-        text += f" ({_listed(map(name_of, explained))})" if explained else ""
+        text += f" ({listed([name_of(one) for one in explained], 'and')})" if explained else ""
         if by_class["nominal sizes"]:
-            names = _listed(map(name_of, by_class["nominal sizes"]))
+            names = listed([name_of(one) for one in by_class["nominal sizes"]], "and")
             text += f", and {names} if tether diameter and mast height were rounded too"
         sentences.append(f"{text}.")
     widths = [
@@ -119,12 +120,13 @@ def _on_outside(study: PaperValidation) -> list[str]:
     for comparison in _own(study):
         outside = [row for row in comparison.published_rows if row.explained == "no"]
         if outside:
-            numbers = _listed(
+            told = [
                 f"{name_of(row.quantity)} {text_of(row.quantity, row.simulated)} for "
                 f"{text_of(row.quantity, row.published.value, unit=False)} published "
                 f"({text_of(row.quantity, row.outside)} beyond)"
                 for row in outside
-            )
+            ]
+            numbers = listed(told, "and")
             sentences.append(f"{_title(comparison)}: {numbers}.")
         else:
             sentences.append(f"{_title(comparison)}: nothing.")
@@ -287,11 +289,6 @@ def _title(comparison: Comparison) -> str:
 
 def _mean_deviation(rows: Sequence[Row]) -> float:
     return fmean(abs(row.deviation_percent) for row in rows)
-
-
-def _listed(items: Iterable[str]) -> str:
-    words = list(items)
-    return " and ".join(words) if len(words) <= 2 else f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def _range(numbers: Iterable[float]) -> str:

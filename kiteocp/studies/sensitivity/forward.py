@@ -166,8 +166,8 @@ def forward_parts(details: Mapping[str, Any]) -> list[Part]:
     cycle, rows = details["forward_cycle"], details["forward_sensitivities"]
     shown = [(part, name) for name in ("mean_power_W", "duration_s") for part in PHASES]
     heads = [f"{letter} {part}" for letter in ("P", "T") for part in ("retr.", "trans.", "tract.")]
-    columns = [Column("key", left=True), Column("W per unit", digits=".4g"), Column("% per %", digits="+.3f")]
-    columns += [Column(head, digits="+.3f", missing="nan") for head in heads]
+    columns = [Column("key", left=True), Column("W per unit", digits=".4g"), Column("% per %", digits="+z.3f")]
+    columns += [Column(head, digits="+z.3f", missing="nan") for head in heads]
     silent: list[str] = []
     lines: list[list[Cell]] = []
     for row in sorted(rows, key=lambda row: -abs(row["elasticity"] or 0.0)):
