@@ -44,11 +44,11 @@ MEASURES: Mapping[str, Measure] = {
 }
 
 #: Typical sizes by unit, by which the optimal control problem scales its variables and rows.
-_SCALES_OF_UNITS: Mapping[str, float] = {"N": 1000.0, "W": 1e4, "m_s": 10.0, "m": 100.0, "s": 10.0}
+_UNIT_SCALES: Mapping[str, float] = {"N": 1000.0, "W": 1e4, "m_s": 10.0, "m": 100.0, "s": 10.0}
 
 #: The same by quantity: all outputs of a flight state, and places, controls and wholes.
 SCALES: Mapping[str, float] = {
-    **{name: _SCALES_OF_UNITS.get(OUTPUT_UNITS.get(name, ""), 1.0) for name in OUTPUTS},
+    **{name: _UNIT_SCALES.get(OUTPUT_UNITS.get(name, ""), 1.0) for name in OUTPUTS},
     "tether_length": 100.0,
     "elevation": 1.0,
     "elevation_rate": 0.01,

@@ -11,7 +11,7 @@ import numpy as np
 
 from kiteocp.cycle.laws import PHASE_ENDS, flown_in_order, phase_functions
 from kiteocp.cycle.phases import PHASES, PhaseName, phases_of
-from kiteocp.cycle.simulation import LONGEST_PHASE, SCALES, fly
+from kiteocp.cycle.simulation import LONGEST_PHASE, STATE_SCALES, fly
 from kiteocp.errors import CycleError
 from kiteocp.execution import one_at_a_time
 from kiteocp.numerics.integrator import IntegrationError, Integrator
@@ -190,7 +190,7 @@ def _rough_integrators(structure: Structure) -> dict[PhaseName, Integrator]:
             phase_functions(structure, name).rates,
             end.component,
             end.monotone,
-            SCALES,
+            STATE_SCALES,
             tolerance=ROUGH_TOLERANCE,
             max_steps=ROUGH_STEPS,
         )

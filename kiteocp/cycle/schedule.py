@@ -20,7 +20,7 @@ import numpy as np
 from kiteocp.cycle.laws import STATE
 from kiteocp.cycle.motion import at_force, motion
 from kiteocp.cycle.phases import KINDS, FlownPhase, PhaseName
-from kiteocp.cycle.simulation import SCALES, cycle_error
+from kiteocp.cycle.simulation import STATE_SCALES, cycle_error
 from kiteocp.cycle.summary import PhaseRecord, electrical_energy_J
 from kiteocp.numerics.integrator import IntegrationError, Integrator
 from kiteocp.physics.equilibrium import OUTPUTS, outputs_of
@@ -166,7 +166,7 @@ def _saturated(model: Model, around: LocalConditions, force: Any) -> Any:
 
 @lru_cache(maxsize=64)
 def _integrator(structure: Structure, name: PhaseName, quantities: tuple[str, ...]) -> Integrator:
-    return Integrator(schedule_functions(structure, name, quantities).rates, 0, True, SCALES)
+    return Integrator(schedule_functions(structure, name, quantities).rates, 0, True, STATE_SCALES)
 
 
 def fly_schedule(

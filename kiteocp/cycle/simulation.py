@@ -32,7 +32,7 @@ from kiteocp.report.words import rounded
 from kiteocp.result import Result
 
 #: Sizes of the components of the state for the integration error: 10 s, 100 m, 1 rad, 10 kJ.
-SCALES = np.array([10.0, 100.0, 1.0, 1e4])
+STATE_SCALES = np.array([10.0, 100.0, 1.0, 1e4])
 
 #: The longest that a phase may take; one that takes longer does not end in practice.
 LONGEST_PHASE = "limits.phase_duration_max_s"
@@ -180,7 +180,7 @@ def _integrators(structure: Structure, equilibrium: Equilibrium) -> dict[PhaseNa
         by_branches = kinked and equilibrium == "explicit"
         rates = transition_branches(structure) if by_branches else phase_functions(structure, name, equilibrium).rates
         order = 5 if kinked and not by_branches else 8
-        integrators[name] = Integrator(rates, end.component, end.monotone, SCALES, order=order)
+        integrators[name] = Integrator(rates, end.component, end.monotone, STATE_SCALES, order=order)
     return integrators
 
 

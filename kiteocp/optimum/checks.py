@@ -30,7 +30,7 @@ OBJECTIVE_TOLERANCE = 1e-6
 
 #: Difference between the states of a solution at its mesh points and the closed form there, over their typical sizes.
 STATE_TOLERANCE = 1e-5
-STATE_SCALES = {"reeling_speed": 10.0, "tangential_speed": 10.0, "tether_force_ground": 1e3, "power": 1e4}
+COMPARISON_SCALES = {"reeling_speed": 10.0, "tangential_speed": 10.0, "tether_force_ground": 1e3, "power": 1e4}
 
 #: A quick certificate allows this many times these gaps: on a coarse mesh a force overshoots its limit between two
 #: points, the winch of the re-simulation cuts that off, and the cycle drifts by it. The power is not touched by that.
@@ -185,7 +185,7 @@ def _state_gap(cycle: OptimalCycle) -> float:
         # Just inside the piece that ends at a border, where the polynomial of that piece holds.
         times = phase.mesh.points * phase.duration * (1 - 1e-12)
         outputs = outputs_on_schedule(cycle.values, schedule, times, length, elevation)
-        for name, scale in STATE_SCALES.items():
+        for name, scale in COMPARISON_SCALES.items():
             difference = np.abs(outputs[OUTPUTS.index(name)] - phase.values[name]) / scale
             # A number that is missing must not hide.
             gap = max(gap, float(np.max(np.where(np.isfinite(difference), difference, np.inf))))

@@ -1,6 +1,6 @@
 """Wind profiles, one object each: speed over height, which numbers are speeds, where it is given and how far it holds.
 
-A new profile is its keys in `kiteocp.problem.system` and an entry of `PROFILES` here. Every profile is linear in its
+A new profile is its keys in `kiteocp.problem.wind` and an entry of `PROFILES` here. Every profile is linear in its
 speeds, so that a wind times a factor is the same profile.
 """
 
@@ -16,7 +16,7 @@ import casadi as ca
 from kiteocp.physics.atmosphere import logarithmic_wind_speed, power_law_wind_speed, tabulated_wind_speed
 from kiteocp.physics.parameters import Parameters, ParameterValues, Structure, parameters_of
 from kiteocp.problem import Problem
-from kiteocp.problem.consistency import LOGARITHMIC_LAW_HEIGHT_MAX_M
+from kiteocp.problem.wind import LOGARITHMIC_LAW_HEIGHT_MAX_M
 from kiteocp.report.words import rounded
 
 #: Stands for the wind speed where keys are named; of a table it is all its speeds.

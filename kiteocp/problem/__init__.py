@@ -9,20 +9,10 @@ from kiteocp.problem.overrides import parse_override
 from kiteocp.problem.problem import Origin, Problem, load_problem, problem_from_dict
 from kiteocp.problem.settings import Machine, Mesh, Operation, Optimisation
 from kiteocp.problem.shipped import problem_path, shipped_problems
-from kiteocp.problem.system import (
-    Aerodynamics,
-    Air,
-    Environment,
-    Kite,
-    LogarithmicWind,
-    PowerLawWind,
-    TableWind,
-    Tether,
-    UniformWind,
-    Wind,
-)
+from kiteocp.problem.system import Aerodynamics, Air, Environment, Kite, Tether
 from kiteocp.problem.template import problem_template
 from kiteocp.problem.uncertainty import Uncertainty
+from kiteocp.problem.wind import LogarithmicWind, PowerLawWind, TableWind, UniformWind, Wind
 
 __all__ = [
     "Aerodynamics",

@@ -50,6 +50,8 @@ class Key:
         The allowed words, where a text is a choice.
     limit : LimitRow, optional
         What a number of ``limits`` bounds.
+    example : number or list of numbers, optional
+        A value for the template.
     """
 
     path: str
@@ -70,6 +72,7 @@ class Key:
     variants: Mapping[str, Key] = field(default_factory=dict)
     entry: Key | None = None
     limit: LimitRow | None = None
+    example: Any = None
 
     @property
     def name(self) -> str:
@@ -118,6 +121,7 @@ def _key(path: str, kind: inspect.Type, **facts: Any) -> Key:
             facts.setdefault("unit", schema.get("unit", ""))
             facts.setdefault("derived", extra.get("derived"))
             facts.setdefault("limit", extra.get("limit"))
+            facts.setdefault("example", extra.get("example"))
             kind = kind.type
         elif isinstance(kind, inspect.UnionType) and not _is_struct_union(kind):
             facts["nullable"] = True

@@ -4,19 +4,18 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from itertools import pairwise
 from typing import Any
+
+import msgspec
 
 from kiteocp.problem.catalogue import limit_keys
 from kiteocp.problem.checking import Fail
 from kiteocp.problem.plausibility import implausible_values
 from kiteocp.problem.reading import show
 from kiteocp.problem.uncertain_keys import check_uncertainty
+from kiteocp.problem.wind import Wind
 
 Block = Mapping[str, Any]
-
-#: Above this altitude a logarithmic wind profile no longer holds (model-notes, validity of the wind model).
-LOGARITHMIC_LAW_HEIGHT_MAX_M = 500.0
 
 
 def check_alternatives(content: Block, fail: Fail) -> None:
@@ -94,7 +93,8 @@ def check_consistency(content: Block, given: Block, fail: Fail) -> None:
         if not (comparison.absent(low) or comparison.absent(high)):
             comparison.ordered(low, high, equal=True)
     _check_reach(content["limits"], fail)
-    _check_wind(content, fail)
+    for key, message in msgspec.convert(content["environment"]["wind"], Wind).mistakes(*flight_altitudes(content)):
+        fail(key, message)
     check_uncertainty(content, fail)
 
 
@@ -140,43 +140,6 @@ def _check_reach(limits: Block, fail: Fail) -> None:
         )
 
 
-def _check_wind(content: Block, fail: Fail) -> None:
-    wind = content["environment"]["wind"]
-    path = "environment.wind"
-    if wind["profile"] == "logarithmic" and wind["roughness_length_m"] >= wind["reference_height_m"]:
-        fail(
-            f"{path}.roughness_length_m",
-            f"{path}.roughness_length_m is {show(wind['roughness_length_m'])} m, not less than the reference height "
-            f"({show(wind['reference_height_m'])} m); grass has about 0.03 m",
-        )
-    if wind["profile"] == "table":
-        _check_wind_table(content, wind, fail)
-
-
-def _check_wind_table(content: Block, wind: Block, fail: Fail) -> None:
-    path = "environment.wind"
-    heights, speeds = wind["heights_m"], wind["speeds_m_s"]
-    if len(heights) != len(speeds):
-        fail(
-            f"{path}.speeds_m_s",
-            f"{path} has {len(heights)} heights_m and {len(speeds)} speeds_m_s; give one speed for each height",
-        )
-    for index, (low, high) in enumerate(pairwise(heights), start=1):
-        if not low < high:
-            entry = f"{path}.heights_m[{index}]"
-            fail(entry, f"{entry} is {show(high)} m after {show(low)} m; give the heights strictly increasing")
-    if not any(speeds):
-        fail(f"{path}.speeds_m_s", f"{path}.speeds_m_s are all 0 m/s; a kite needs wind, give the speeds measured")
-    low, high = flight_altitudes(content)
-    if heights[0] > low or heights[-1] < high:
-        fail(
-            f"{path}.heights_m",
-            f"{path}.heights_m covers {show(heights[0])} to {show(heights[-1])} m, but the kite flies between "
-            f"{low:.5g} and {high:.5g} m; extend the table, or narrow limits.height_min_m, limits.height_max_m and the "
-            "tether lengths",
-        )
-
-
 def flight_altitudes(content: Block) -> tuple[float, float]:
     """Return the lowest and highest altitude in m that the prescribed cycle and the limits allow."""
     operation, limits = content["operation"], content["limits"]
@@ -189,7 +152,7 @@ def flight_altitudes(content: Block) -> tuple[float, float]:
 def warnings_of(content: Block) -> list[str]:
     """Return what of a resolved problem deserves a warning, one sentence each."""
     implausible = implausible_values(content, flight_altitudes(content))
-    return [*implausible, *_limit_warnings(content), *_validity_warnings(content)]
+    return [*implausible, *_limit_warnings(content), *_strength_warnings(content)]
 
 
 def _limit_warnings(content: Block) -> list[str]:
@@ -224,16 +187,10 @@ def _limit_warnings(content: Block) -> list[str]:
     return found
 
 
-def _validity_warnings(content: Block) -> list[str]:
-    """Report what lies outside the validity of the model."""
-    limits, wind, tether = content["limits"], content["environment"]["wind"], content["tether"]
+def _strength_warnings(content: Block) -> list[str]:
+    """Report forces beyond the strength of the tether."""
+    limits, tether = content["limits"], content["tether"]
     found = []
-    _, highest = flight_altitudes(content)
-    if wind["profile"] == "logarithmic" and highest > LOGARITHMIC_LAW_HEIGHT_MAX_M:
-        found.append(
-            f"the kite may fly up to {show(highest)} m, where the logarithmic wind profile no longer holds (above "
-            f"{show(LOGARITHMIC_LAW_HEIGHT_MAX_M)} m); lower limits.height_max_m or give a wind table"
-        )
     strength = tether["breaking_force_N"]
     if strength is not None:
         traction_force = content["operation"]["traction"]["tether_force_N"]

@@ -20,7 +20,9 @@ _FOREIGN_UNITS_TEXT = (
 FOREIGN_UNITS = frozenset(_FOREIGN_UNITS_TEXT.split())
 
 
-def quantity(unit: str, meaning: str, *, derived: str | None = None, limit: Any = None, **bounds: Any) -> Meta:
+def quantity(
+    unit: str, meaning: str, *, derived: str | None = None, limit: Any = None, example: Any = None, **bounds: Any
+) -> Meta:
     """Describe a number of the problem file.
 
     Parameters
@@ -33,10 +35,12 @@ def quantity(unit: str, meaning: str, *, derived: str | None = None, limit: Any 
         How the default follows from other keys; a key without this and without a default is mandatory.
     limit : LimitRow, optional
         What a limit bounds (`kiteocp.problem.limits`).
+    example : number or list of numbers, optional
+        A value for the template.
     **bounds
         ``gt``, ``ge``, ``lt``, ``le`` of `msgspec.Meta`.
     """
-    return _meta(meaning, derived, {"unit": unit}, bounds, limit=limit)
+    return _meta(meaning, derived, {"unit": unit}, bounds, limit=limit, example=example)
 
 
 def text(meaning: str, **bounds: Any) -> Meta:

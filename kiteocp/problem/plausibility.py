@@ -9,19 +9,17 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
+import msgspec
+
 from kiteocp.problem.reading import show
+from kiteocp.problem.wind import Wind
 
 Block = Mapping[str, Any]
 
 #: Nominal sizes of kites are flat areas. Those that go by a name, in m2.
 FLAT_AREA_M2 = {"v3": 25.0, "v9": 60.0}
-
-#: Largest plausible change of the wind with height in 1/s from `SHEAR_HEIGHT_M` upwards. A logarithmic wind of 15 m/s
-#: at 10 m over a roughness of 0.1 m has 0.33 there, and less above; low-level jets have some 0.1.
-SHEAR_MAX_1_S, SHEAR_HEIGHT_M = 0.5, 10.0
 
 _AREA = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)\s*(?:m2|m\u00b2|m\^2|sqm|square met)", re.IGNORECASE)
 
@@ -101,9 +99,7 @@ def implausible_values(content: Block, altitudes_m: tuple[float, float]) -> list
     """
     found = [warning for check in CHECKS for warning in check.warnings(content)]
     found += _flat_area(content)
-    wind = content["environment"]["wind"]
-    if wind["profile"] == "table":
-        found += _wind_table(wind["heights_m"], wind["speeds_m_s"], altitudes_m)
+    found += msgspec.convert(content["environment"]["wind"], Wind).warnings(*altitudes_m)
     return found
 
 
@@ -127,23 +123,3 @@ def _flat_area(content: Block) -> Iterator[str]:
             f"kite.projected_area_m2 is {show(area)}, the size by which the kite goes: that is usually the flat area, "
             "and the projected one some 20 % smaller; give the area to which the coefficients refer"
         )
-
-
-def _wind_table(heights: list[float], speeds: list[float], altitudes_m: tuple[float, float]) -> Iterator[str]:
-    path = "environment.wind.speeds_m_s"
-    if max(speeds) < 2.5:
-        yield (
-            f"{path} are {show(max(speeds))} m/s at most, in which no kite flies: are they factors of a reference "
-            "speed? Multiply them by it"
-        )
-    if max(speeds) > 80.0:
-        yield f"{path} reach {show(max(speeds))} m/s, more than any storm: are they in another unit than m/s?"
-    lowest, highest = altitudes_m
-    for (low, high), (below, above) in zip(pairwise(heights), pairwise(speeds), strict=True):
-        steep = abs(above - below) > SHEAR_MAX_1_S * (high - low)
-        if steep and low >= SHEAR_HEIGHT_M and high > lowest and low < highest:
-            yield (
-                f"{path} steps from {show(below)} to {show(above)} m/s between {show(low)} and {show(high)} m, where "
-                "the kite may fly: no wind changes so fast, and an optimum can hang on such a step or not be found; "
-                "check the table or smooth the step"
-            )

@@ -8,49 +8,7 @@ import msgspec
 from msgspec import UNSET, Struct, UnsetType
 
 from kiteocp.problem.fields import quantity, section
-
-_Speed = Annotated[float, quantity("m/s", "wind speed at the reference height", gt=0)]
-_Height = Annotated[float, quantity("m", "reference height above ground", gt=0)]
-
-
-class LogarithmicWind(
-    Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="profile", tag="logarithmic"
-):
-    """Wind of a neutral boundary layer, ``v = v_ref ln(z / z_0) / ln(z_ref / z_0)``."""
-
-    reference_speed_m_s: _Speed
-    reference_height_m: _Height
-    roughness_length_m: Annotated[float, quantity("m", "roughness length z_0 of the ground", gt=0)]
-
-
-class PowerLawWind(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="profile", tag="power-law"):
-    """Wind of a power law, ``v = v_ref (z / z_ref)**exponent``."""
-
-    reference_speed_m_s: _Speed
-    reference_height_m: _Height
-    exponent: Annotated[float, quantity("1", "shear exponent", ge=0, le=1)]
-
-
-class UniformWind(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="profile", tag="uniform"):
-    """The same wind at all heights."""
-
-    reference_speed_m_s: Annotated[float, quantity("m/s", "wind speed at all heights", gt=0)]
-
-
-class TableWind(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="profile", tag="table"):
-    """Wind measured or computed at given heights, interpolated smoothly between them."""
-
-    heights_m: Annotated[
-        tuple[Annotated[float, quantity("m", "height above ground", ge=0)], ...],
-        quantity("m", "heights above ground, strictly increasing, covering the flight altitude", min_length=2),
-    ]
-    speeds_m_s: Annotated[
-        tuple[Annotated[float, quantity("m/s", "wind speed", ge=0)], ...],
-        quantity("m/s", "wind speeds at these heights", min_length=2),
-    ]
-
-
-Wind = LogarithmicWind | PowerLawWind | UniformWind | TableWind
+from kiteocp.problem.wind import Wind
 
 
 class Air(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

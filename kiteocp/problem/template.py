@@ -11,15 +11,10 @@ from kiteocp.problem.catalogue import MISSING, Key, catalogue
 from kiteocp.problem.layout import NAME_PATTERN
 from kiteocp.problem.reading import show
 
-#: Values of the mandatory keys: a leading-edge-inflatable kite of 25 m2 wing area, about that of v3-kite.yaml.
+#: Values of the mandatory keys that carry no example of their own: a leading-edge-inflatable
+#: kite of 25 m2 wing area, about that of v3-kite.yaml.
 _EXAMPLE: dict[str, Any] = {
     "environment.wind.profile": "logarithmic",
-    "environment.wind.reference_speed_m_s": 8.0,
-    "environment.wind.reference_height_m": 100.0,
-    "environment.wind.roughness_length_m": 0.03,
-    "environment.wind.exponent": 0.14,
-    "environment.wind.heights_m": "[0.0, 50.0, 100.0, 200.0, 500.0]",
-    "environment.wind.speeds_m_s": "[0.0, 7.0, 8.0, 9.0, 10.0]",
     "kite.projected_area_m2": 20.0,
     "kite.mass_kg": 23.0,
     "kite.powered.lift_coefficient": 0.9,
@@ -106,8 +101,9 @@ def _shown(key: Key) -> str:
     """Return the value to write: the default, what a derived default comes to, or the example."""
     if key.default is not MISSING and key.default is not None:
         return show(key.default)
-    if key.path in _EXAMPLE:
-        return show(_EXAMPLE[key.path])
+    example = _EXAMPLE.get(key.path, key.example)
+    if example is not None:
+        return show(example)
     return "null" if key.nullable else _DERIVED[key.path]
 
 

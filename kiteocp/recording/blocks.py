@@ -67,7 +67,7 @@ class Number(Block, frozen=True):
     column: str
 
 
-class Phase(Block, frozen=True):
+class PhaseLabels(Block, frozen=True):
     """The phase of the cycle, by labels: each label to retraction, transition, traction or turn."""
 
     column: str

@@ -27,7 +27,7 @@ from kiteocp.recording.blocks import (
     Force,
     Length,
     Number,
-    Phase,
+    PhaseLabels,
     Power,
     PowerSetting,
     Speed,
@@ -53,7 +53,7 @@ class ColumnMap(Block, frozen=True, kw_only=True):
     downwind_bearing_deg: float | None = None
     time: Time
     cycle: Number | None = None
-    phase: Phase
+    phase: PhaseLabels
     position: CartesianPosition | SphericalPosition
     velocity: Velocity | None = None
     course: Course | None = None

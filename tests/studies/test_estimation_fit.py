@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
+from made_flight import RECORDING
 from scipy.stats import binom
 
 import kiteocp
@@ -30,11 +29,6 @@ TRUTH = {
     "depowered.lift_coefficient": 0.2,
     "depowered.drag_coefficient": 0.1,
 }
-CHECKOUT = Path(__file__).resolve().parents[2]
-RECORDING = (
-    Path(os.environ.get("KITEOCP_FLIGHT_DATA", CHECKOUT.parent / "shared" / "data" / "kitepower-2023-05-12"))
-    / "cycles-0-3.csv"
-)
 
 
 @cache

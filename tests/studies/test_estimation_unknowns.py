@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_flight import made_flight
+from made_flight import DATA, made_flight
 
 from kiteocp.errors import InputError
 from kiteocp.physics.parameters import parameter_values
@@ -21,7 +21,7 @@ from kiteocp.studies.estimation.unknowns import WindUnknowns
 from kiteocp.studies.prediction.cycle_wind import wind_of_cycle
 from kiteocp.studies.prediction.kite import estimate_kite
 
-LIDAR_DATA = Path(__file__).parents[3] / "shared" / "data" / "kitepower-2025-10-09" / "cycles-0-1.csv"
+LIDAR_DATA = DATA / "kitepower-2025-10-09" / "cycles-0-1.csv"
 
 #: Mean of the lidar beside that flight over reel-out, at 100 m (m/s).
 LIDAR_MEAN_M_S = 6.9

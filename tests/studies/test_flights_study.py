@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from dataclasses import replace
 from functools import cache
 from html import escape
@@ -11,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_flight import TRUTH, kitepower_rows, made_flight, true_result, write_csv
+from made_flight import DATA, RECORDING, TRUTH, kitepower_rows, made_flight, true_result, write_csv
 
 import kiteocp
 from kiteocp import InputError
@@ -33,9 +32,6 @@ from kiteocp.studies.prediction.reasons import delay
 from kiteocp.studies.prediction.replay import FlownWinchLaw, path_of, replay, winch_law
 from kiteocp.studies.prediction.statements import statements
 from kiteocp.studies.prediction.study import FlightStudy, validate_flight
-
-DATA = Path(os.environ.get("KITEOCP_FLIGHT_DATA") or Path(__file__).resolve().parents[3] / "shared" / "data")
-RECORDING = DATA / "kitepower-2023-05-12" / "cycles-0-3.csv"
 
 NOISE = Noise(
     speed_m_s=0.3, force_share=0.02, angle_deg=0.2, distance_m=0.5, airspeed_m_s=0.3, wind_share=0.1, wrong_share=0.01

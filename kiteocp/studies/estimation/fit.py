@@ -31,7 +31,7 @@ from kiteocp.problem import Problem
 from kiteocp.recording import FlightData
 from kiteocp.recording.power_setting import FULLY_POWERED
 from kiteocp.studies.estimation.inversion import MEASURED, Inversion, apparent_wind, measured_samples, turned_sample
-from kiteocp.studies.estimation.wind import ANGLES_DEG, SCALES, WindEstimate, wind_of_problem
+from kiteocp.studies.estimation.wind import ANGLE_RANGE_DEG, FACTOR_RANGE, WindEstimate, wind_of_problem
 
 FloatArray = NDArray[np.float64]
 
@@ -184,7 +184,7 @@ def fit_coefficients(
         start += _median_coefficients(inversion, setting_of == setting)
         bounds += [LIFTS, DRAGS]
     if fit_wind:
-        names, start, bounds = [*names, *WIND], [*start, 1.0, 0.0], [*bounds, SCALES, ANGLES_DEG]
+        names, start, bounds = [*names, *WIND], [*start, 1.0, 0.0], [*bounds, FACTOR_RANGE, ANGLE_RANGE_DEG]
     residuals = _residuals(problem, samples[:, used], groups, len(fitted), fit_wind)
     lower, upper = np.transpose(bounds)
     fit = robust_fit(names, residuals, np.array(start), lower, upper, flight.time_s[used], groups)

@@ -25,7 +25,7 @@ from kiteocp.studies.estimation.inversion import MEASURED, apparent_wind, measur
 FloatArray = NDArray[np.float64]
 
 #: Where a factor on the wind speed is looked for, an angle (deg), and what an airspeed sensor shows of the airspeed.
-SCALES, ANGLES_DEG, GAINS = (0.05, 20.0), (-120.0, 120.0), (0.3, 3.0)
+FACTOR_RANGE, ANGLE_RANGE_DEG, GAIN_RANGE = (0.05, 20.0), (-120.0, 120.0), (0.3, 3.0)
 
 #: Samples below which no wind is estimated.
 FEWEST_SAMPLES = 20
@@ -255,7 +255,7 @@ def wind_from_airspeed(flight: FlightData, problem: Problem, *, calibrate: bool 
         found, slopes = (np.asarray(part) for part in function(inputs, values.vector, unknown))
         return found.T, slopes.T[:, None, free]
 
-    lower, upper = np.transpose([SCALES, ANGLES_DEG, GAINS])
+    lower, upper = np.transpose([FACTOR_RANGE, ANGLE_RANGE_DEG, GAIN_RANGE])
     names = PARAMETERS if calibrate else PARAMETERS[:2]
     free = slice(len(names))
     fits = [

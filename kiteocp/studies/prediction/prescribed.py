@@ -16,7 +16,7 @@ import numpy as np
 from kiteocp.cycle.laws import STATE, phase_functions
 from kiteocp.cycle.motion import at_ground_force, motion
 from kiteocp.cycle.phases import TURN
-from kiteocp.cycle.simulation import LONGEST_PHASE, SCALES
+from kiteocp.cycle.simulation import LONGEST_PHASE, STATE_SCALES
 from kiteocp.errors import CycleError
 from kiteocp.numerics.integrator import IntegrationError, Integrator
 from kiteocp.physics.equilibrium import OUTPUTS, outputs_of
@@ -135,7 +135,7 @@ def _integrator(structure: Structure, name: str) -> Integrator:
     target = LENGTH if name in ("retraction", "traction") else ELEVATION
     # The transition's law has kinks; retraction and traction may come to rest, where their length stands still.
     return Integrator(
-        rates, target, name in ("transition", "traction", "turn"), SCALES, order=5 if name == "transition" else 8
+        rates, target, name in ("transition", "traction", "turn"), STATE_SCALES, order=5 if name == "transition" else 8
     )
 
 

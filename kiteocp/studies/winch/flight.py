@@ -19,7 +19,7 @@ from scipy.interpolate import CubicHermiteSpline
 from kiteocp.cycle.laws import STATE
 from kiteocp.cycle.motion import Motion, at_force, motion
 from kiteocp.cycle.phases import KINDS, PhaseName
-from kiteocp.cycle.simulation import LONGEST_PHASE, SCALES
+from kiteocp.cycle.simulation import LONGEST_PHASE, STATE_SCALES
 from kiteocp.cycle.summary import PhaseRecord, electrical_energy_J
 from kiteocp.errors import CycleError
 from kiteocp.numerics.integrator import IntegrationError, Integrator
@@ -291,7 +291,9 @@ def law_functions(structure: Structure, name: PhaseName, quantities: tuple[str, 
     at = ca.Function("outputs", [state, everything], [ca.densify(ca.vertcat(*(outputs[n] for n in OUTPUTS)))])
     index = {"length": STATE.index("tether_length_m"), "elevation": STATE.index("elevation_rad")}
     return LawFunctions(
-        rates, at, {end: Integrator(rates, component, False, SCALES, TOLERANCE) for end, component in index.items()}
+        rates,
+        at,
+        {end: Integrator(rates, component, False, STATE_SCALES, TOLERANCE) for end, component in index.items()},
     )
 
 
