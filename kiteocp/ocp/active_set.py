@@ -103,10 +103,9 @@ class ActiveSetMethod:
         bounds = np.where(np.concatenate((active.variables, active.rows)) > 0, upper, lower)[own]
         multipliers = np.concatenate((lam_x, lam_g))
         for _ in range(NEWTON_STEPS):
-            f, rows_value, gradient, hessian, rows = self._system.newton(x, p, multipliers[self.nx :])
-            g = rows_value.full().ravel()
+            f, g, gradient, hessian, rows = self._system.newton(x, p, multipliers[self.nx :])
             distance = np.concatenate((x, g))[own] - bounds
-            residual = np.concatenate((gradient.full().ravel() + multipliers[: self.nx], distance))
+            residual = np.concatenate((gradient + multipliers[: self.nx], distance))
             size = float(np.max(np.abs(residual)))
             if not np.isfinite(size):
                 raise ActiveSetError("the model has no value on the way")
@@ -118,7 +117,7 @@ class ActiveSetMethod:
                 lam_x, lam_g = multipliers[: self.nx].copy(), multipliers[self.nx :].copy()
                 value = np.concatenate((x, g))
                 nearer_lower = value - lower < upper - value
-                return PolishedSolution(x, g, lam_x, lam_g, p, float(f), active, nearer_lower)
+                return PolishedSolution(x, g, lam_x, lam_g, p, f, active, nearer_lower)
         raise ActiveSetError("Newton's method does not converge on this active set")
 
     def polish_and_correct(

@@ -194,7 +194,7 @@ class Phase:
                 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class OptimalControlProblem:
     """Phases, what links them, and what to minimise.
 

@@ -24,6 +24,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from kiteocp.ocp.collocation import FloatArray
+from kiteocp.ocp.composition import Composition
 from kiteocp.ocp.nlp import Label, NonlinearProgram
 from kiteocp.ocp.nlpsolver import Solution, Solver
 
@@ -146,10 +147,12 @@ class ElasticProgram:
         limits = [ca.vertcat(lbx, ca.SX.zeros(count)), ca.vertcat(ubx, caps), lbg, ubg]
         elastic = replace(
             program,
-            x=ca.vertcat(program.x, slacks),
-            p=parameters,
-            f=share * objective + ca.dot(weights, slacks) + SQUARE_WEIGHT * ca.sumsqr(slacks),
-            g=rows,
+            composition=Composition(
+                ca.vertcat(program.x, slacks),
+                parameters,
+                share * objective + ca.dot(weights, slacks) + SQUARE_WEIGHT * ca.sumsqr(slacks),
+                rows,
+            ),
             bounds=ca.Function("bounds", [parameters], limits, ["p"], ["lbx", "ubx", "lbg", "ubg"]),
             variables=(*program.variables, *(Label("slack", term.name) for term in self.terms)),
             rows=self.rows,

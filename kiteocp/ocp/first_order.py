@@ -31,8 +31,6 @@ class FirstOrderSystem:
     ----------
     first
         ``(x, p, multipliers of the rows) -> gradient and Hessian of the Lagrangian to x and p, slopes of the rows``.
-    newton
-        The same arguments to objective, rows, and gradient, Hessian and slopes to x alone.
     bound_slopes
         ``p ->`` derivatives of the bounds (lbx, ubx, lbg, ubg) to the parameters; zero for infinite ones.
     curvature
@@ -42,14 +40,8 @@ class FirstOrderSystem:
     def __init__(self, program: NonlinearProgram) -> None:
         self._program = nlp = program
         self._nx, self._ng = nlp.x.numel(), nlp.g.numel()
-        multipliers = ca.SX.sym("lam_g", self._ng)
-        both = ca.vertcat(nlp.x, nlp.p)
-        lagrangian = nlp.f + ca.dot(multipliers, nlp.g)
-        hessian, gradient = ca.hessian(lagrangian, both)
-        rows = ca.jacobian(nlp.g, both)
-        inputs, n = [nlp.x, nlp.p, multipliers], self._nx
-        self.first = ca.Function("first", inputs, [gradient, hessian, rows])
-        self.newton = ca.Function("newton", inputs, [nlp.f, nlp.g, gradient[:n], hessian[:n, :n], rows[:, :n]])
+        self._composed = program.composition
+        self.first = self._composed.first_order
         self._factors: dict[bytes, Any] = {}
         sides = ca.vertcat(*nlp.bounds(nlp.p))
         weights = ca.SX.sym("weights", sides.numel())
@@ -57,6 +49,13 @@ class FirstOrderSystem:
         finite = ca.vertcat(*(s if not s.is_constant() else ca.SX(0) for s in ca.vertsplit(sides)))
         self.bound_slopes = ca.Function("bound_slopes", [nlp.p], [ca.jacobian(finite, nlp.p)])
         self.curvature = ca.Function("curvature", [nlp.p, weights], [ca.hessian(ca.dot(weights, finite), nlp.p)[0]])
+
+    def newton(self, x: FloatArray, p: FloatArray, lam_g: FloatArray) -> tuple[float, FloatArray, FloatArray, Any, Any]:
+        """Return objective, rows, and gradient and Hessian of the Lagrangian and slopes of the rows to x alone."""
+        f, g = self._composed.values(x, p)
+        gradient, _ = self._composed.lagrangian_gradient(x, p, lam_g)
+        hessian = ca.triu2symm(self._composed.hessian(x, p, 1.0, lam_g))
+        return float(f), g.full().ravel(), gradient.full().ravel(), hessian, self._composed.jacobian(x, p)[1]
 
     def sides(self, p: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return lower and upper bounds of (variables, rows) at given parameters."""

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from kiteocp.ocp.collocation import FloatArray, PhaseMesh
+from kiteocp.ocp.composition import Composition
 from kiteocp.ocp.declaration import OptimalControlProblem
 from kiteocp.ocp.trajectory import (
     Guess,
@@ -73,8 +74,8 @@ class NonlinearProgram:
 
     Attributes
     ----------
-    x, p, f, g
-        CasADi ``SX``: variables over their scales, parameters, objective, rows over their scales.
+    composition
+        Variables over their scales, parameters, objective, rows over their scales, and their derivatives.
     bounds
         CasADi function p -> (lbx, ubx, lbg, ubg).
     variables, rows
@@ -84,10 +85,7 @@ class NonlinearProgram:
 
     """
 
-    x: Any
-    p: Any
-    f: Any
-    g: Any
+    composition: Composition
     bounds: Any
     variables: tuple[Label, ...]
     rows: tuple[Label, ...]
@@ -99,6 +97,26 @@ class NonlinearProgram:
     def in_units(self, objective: Any) -> Any:
         """Return an objective, a change or a derivative of it in the unit of the problem (`objective_unit`)."""
         return objective * self.problem.objective_unit
+
+    @property
+    def x(self) -> Any:
+        """Variables, an ``SX`` column."""
+        return self.composition.x
+
+    @property
+    def p(self) -> Any:
+        """Parameters, an ``SX`` column."""
+        return self.composition.p
+
+    @property
+    def f(self) -> Any:
+        """Objective as an ``SX`` expression of x and p; composed when it is first asked for."""
+        return self.composition.expressions[0]
+
+    @property
+    def g(self) -> Any:
+        """Rows as an ``SX`` expression of x and p; composed when they are first asked for."""
+        return self.composition.expressions[1]
 
     @property
     def scales(self) -> FloatArray:

@@ -117,6 +117,8 @@ class Solution:
         Number of iterations.
     time_s
         Wall time of the call.
+    method
+        What solved it.
 
     """
 
@@ -130,6 +132,7 @@ class Solution:
     status: str
     iterations: int
     time_s: float
+    method: str = "IPOPT"
 
 
 class Solver:
@@ -158,7 +161,9 @@ class Solver:
         self.options = {**DEFAULT_IPOPT_OPTIONS, **(options or {})}
         # CasADi keeps no reference to them.
         self._watches: list[_Watch] = []
-        self._kept = np.setdiff1d(np.arange(len(program.rows)), np.asarray(deferred, dtype=np.intp))
+        kept = np.ones(len(program.rows), dtype=bool)
+        kept[np.asarray(deferred, dtype=np.intp)] = False
+        self._kept = np.flatnonzero(kept)
         self._deferred = len(deferred) > 0
 
     @cached_property
@@ -181,27 +186,32 @@ class Solver:
     def _deciding(self) -> Any:
         return self._build("deciding_solver", {**self.options, **WARM_IPOPT_OPTIONS, **DECIDING_IPOPT_OPTIONS})
 
-    @cached_property
-    def _rows(self) -> Any:
-        return ca.Function("rows", [self.program.x, self.program.p], [self.program.g])
-
     def _build(self, name: str, ipopt: Mapping[str, Any], rows: NDArray[np.intp] | None = None) -> Any:
-        nlp = self.program
-        g = nlp.g if rows is None else nlp.g[rows.tolist()]
-        watch = _Watch(nlp.x.numel(), g.numel(), nlp.p.numel())
+        composed, (nx, np_) = self.program.composition, (len(self.program.variables), self.program.p.numel())
+        x, p = ca.MX.sym("x", nx), ca.MX.sym("p", np_)
+        f, g = composed.values(x, p)
+        if rows is None:
+            jacobian, hessian = composed.jacobian, composed.hessian
+        else:
+            g = g[rows.tolist()]
+            jacobian, hessian = composed.of_rows(rows.tolist())
+        watch = _Watch(nx, g.numel(), np_)
         self._watches.append(watch)
         options: dict[str, Any] = {
             "ipopt": dict(ipopt),
             "iteration_callback": watch,
-            "iteration_callback_step": WATCHED_EVERY if nlp.x.numel() <= WATCHED_VARIABLES else 1,
+            "iteration_callback_step": WATCHED_EVERY if nx <= WATCHED_VARIABLES else 1,
             "print_time": False,
             "show_eval_warnings": False,
             "error_on_fail": False,
             # The gradient with respect to p is `optimality.parametric_gradient`, which knows the bounds too.
             "calc_lam_p": False,
             "no_nlp_grad": True,
+            "grad_f": composed.gradient,
+            "jac_g": jacobian,
+            "hess_lag": hessian,
         }
-        return ca.nlpsol(name, "ipopt", {"x": nlp.x, "p": nlp.p, "f": nlp.f, "g": g}, options)
+        return ca.nlpsol(name, "ipopt", {"x": x, "p": p, "f": f, "g": g}, options)
 
     def solve(
         self,
@@ -281,7 +291,7 @@ class Solver:
         solution = _solution(self._lean, result, arguments["p"])
         multipliers = np.zeros(len(self.program.rows))
         multipliers[self._kept] = solution.lam_g
-        rows = self._rows(solution.x, solution.p).full().ravel()
+        rows = self.program.composition.values(solution.x, solution.p)[1].full().ravel()
         return replace(solution, g=rows, lam_g=multipliers)
 
     def _keeps_all(self, solution: Solution, lbg: FloatArray, ubg: FloatArray) -> bool:

@@ -63,29 +63,21 @@ class Optimality:
         self.program = program
 
     @cached_property
-    def _evaluate(self) -> Any:
-        nlp = self.program
-        multipliers = ca.SX.sym("lam_g", nlp.g.numel())
-        lagrangian = nlp.f + ca.dot(multipliers, nlp.g)
-        return ca.Function("kkt", [nlp.x, nlp.p, multipliers], [ca.gradient(lagrangian, nlp.x), nlp.g])
-
-    @cached_property
-    def _gradient(self) -> Any:
-        nlp = self.program
-        multipliers = ca.SX.sym("lam_g", nlp.g.numel())
-        sides = [ca.SX.sym(name, count) for name, count in zip(
-            ("x_lower", "x_upper", "g_lower", "g_upper"),
-            (nlp.x.numel(), nlp.x.numel(), nlp.g.numel(), nlp.g.numel()), strict=True,
-        )]  # fmt: skip
-        # The sides carry their sign: a negative multiplier presses on the lower bound.
-        limits = sum(ca.dot(side, bound) for side, bound in zip(sides, nlp.bounds(nlp.p), strict=True))
-        total = nlp.f + ca.dot(multipliers, nlp.g) - limits
-        return ca.Function("optimum_gradient", [nlp.x, nlp.p, multipliers, *sides], [ca.gradient(total, nlp.p)])
+    def _bounds_gradient(self) -> Any:
+        """``(p, sides) ->`` gradient to p of the sum of the bounds, each times the multiplier that presses on it."""
+        bounds = ca.vertcat(*self.program.bounds(self.program.p))
+        sides = ca.SX.sym("sides", bounds.numel())
+        # Infinity times a multiplier is not a number, and has no gradient.
+        finite = ca.vertcat(*(ca.SX(0) if bound.is_constant() else bound for bound in ca.vertsplit(bounds)))
+        gradient = ca.gradient(ca.dot(sides, finite), self.program.p)
+        return ca.Function("bounds_gradient", [self.program.p, sides], [ca.densify(gradient)])
 
     def residuals(self, solution: Solution) -> KktResiduals:
         """Scaled first-order residuals of a solution, nothing taken from the solver's own report."""
         lbx, ubx, lbg, ubg = self.program.numeric_bounds(solution.p)
-        gradient, g = (v.full().ravel() for v in self._evaluate(solution.x, solution.p, solution.lam_g))
+        composed = self.program.composition
+        gradient = composed.lagrangian_gradient(solution.x, solution.p, solution.lam_g)[0].full().ravel()
+        g = composed.values(solution.x, solution.p)[1].full().ravel()
         value, multiplier = np.concatenate((solution.x, g)), np.concatenate((solution.lam_x, solution.lam_g))
         lower, upper = np.concatenate((lbx, lbg)), np.concatenate((ubx, ubg))
         scale = max(100.0, float(np.mean(np.abs(multiplier)))) / 100.0
@@ -111,6 +103,8 @@ class Optimality:
         - lam+ . d upper/dp - lam- . d lower/dp over x and g, where lam- = min(lam, 0). Where several bounds become
         active together (a vertex) the optimum has a kink and this is the derivative to one side.
         """
+        # The sides carry their sign: a negative multiplier presses on the lower bound.
         sides = [part for lam in (solution.lam_x, solution.lam_g) for part in (np.minimum(lam, 0), np.maximum(lam, 0))]
-        gradient = self._gradient(solution.x, solution.p, solution.lam_g, *sides)
+        direct = self.program.composition.lagrangian_gradient(solution.x, solution.p, solution.lam_g)[1]
+        gradient = direct - self._bounds_gradient(solution.p, np.concatenate(sides))
         return np.asarray(gradient.full().ravel(), dtype=np.float64)

@@ -62,7 +62,7 @@ class PhaseTrajectory:
     statics, parameters
         Values of the problem's statics and parameters (needed for the outputs).
     function
-        The phase's model as a CasADi function, see `kiteocp.ocp.transcription.point_function`.
+        The phase's model as a CasADi function, see `kiteocp.ocp.point_model.PointModel`.
 
     """
 
@@ -197,7 +197,7 @@ def call_model(
     Parameters
     ----------
     function
-        See `kiteocp.ocp.transcription.point_function`.
+        See `kiteocp.ocp.point_model.PointModel`.
     groups
         States, algebraics and controls, each of shape (number of them, m).
     fractions

@@ -51,6 +51,7 @@ import casadi as ca
 import numpy as np
 
 from kiteocp.ocp.collocation import PhaseMesh, differentiation_matrix, slope_bounds_matrix
+from kiteocp.ocp.composition import Composition, PointBlock
 from kiteocp.ocp.declaration import (
     Expression,
     Link,
@@ -62,6 +63,7 @@ from kiteocp.ocp.declaration import (
     Variable,
 )
 from kiteocp.ocp.nlp import Label, NonlinearProgram, PhaseLayout
+from kiteocp.ocp.point_model import PointModel, column_of, point_model, require_known
 
 
 @dataclass
@@ -72,25 +74,22 @@ class _Entries:
     bounds: list[tuple[Expression, Expression]] = field(default_factory=list)
     labels: list[Label] = field(default_factory=list)
 
-    def new_variables(self, declared: Sequence[Variable], labels: Sequence[Label]) -> tuple[list[int], Any]:
-        """Add variables; return their indices and their values in physical units, a column."""
-        first = len(self.labels)
-        symbols = ca.SX.sym(str(labels[0]) if labels else "", len(declared))
-        self.append(symbols, declared, labels)
-        return list(range(first, len(self.labels))), symbols * ca.DM([v.scale for v in declared])
+    def new_variables(self, declared: Sequence[Variable], labels: Sequence[Label]) -> Any:
+        """Add variables, the same ones again and again where there are more labels; return them in physical units.
 
-    def append(
-        self, column: Any, bounded: Sequence[Variable | PathConstraint | RateLimit | Link], labels: Sequence[Label]
-    ) -> None:
-        """Add a column of expressions with the bounds of their declarations."""
-        self.columns.append(column)
-        self.bounds += [(declared.lower, declared.upper) for declared in bounded]
-        self.labels += labels
+        Returns
+        -------
+        SX, shape (variables, times)
+        """
+        count, name = len(declared), str(labels[0]) if labels else ""
+        symbols = ca.SX.sym(name, count, len(labels) // count if count else 1)
+        self.append(ca.vec(symbols), _bounds(declared) * symbols.shape[1], labels)
+        return symbols * ca.repmat(ca.SX(ca.DM([v.scale for v in declared])), 1, symbols.shape[1])
 
-    def append_equations(self, column: Any, labels: Sequence[Label]) -> None:
-        """Add a column of expressions that must vanish."""
+    def append(self, column: Any, bounds: Sequence[tuple[Expression, Expression]], labels: Sequence[Label]) -> None:
+        """Add a column of expressions with their bounds."""
         self.columns.append(column)
-        self.bounds += [(0.0, 0.0)] * len(labels)
+        self.bounds += bounds
         self.labels += labels
 
     @property
@@ -106,34 +105,6 @@ class _Entries:
             if not isinstance(value, (int, float)):
                 numbers[index] = value
         return numbers / self.scales
-
-
-def point_function(phase: Phase, statics: Any, parameters: Any) -> Any:
-    """Model of a phase at one point as a CasADi function, built once and called at every point.
-
-    Returns
-    -------
-    casadi.Function
-        (states, algebraics, controls, time, duration, statics, parameters) ->
-        (derivatives, residuals, constraints, outputs), columns in the order of declaration, physical units.
-
-    Raises
-    ------
-    ValueError
-        If the model uses a symbol that is none of these.
-
-    """
-    point, said = phase.point, phase.expressions
-    groups = [_column([point[v.name] for v in g]) for g in (phase.states, phase.algebraics, phase.controls)]
-    inputs = [*groups, point.time, point.duration, statics, parameters]
-    outputs = [
-        _column([said.derivatives[v.name] for v in phase.states]),
-        _column([r.expression for r in said.residuals]),
-        _column([c.expression for c in said.constraints]),
-        _column(list(said.outputs.values())),
-    ]
-    _require_known(f"the model of phase '{phase.name}'", outputs, inputs)
-    return ca.Function(f"point_{phase.name}", inputs, outputs, {"cse": True})
 
 
 def transcribe(problem: OptimalControlProblem, mesh: Mapping[str, PhaseMesh]) -> NonlinearProgram:
@@ -163,32 +134,33 @@ def transcribe(problem: OptimalControlProblem, mesh: Mapping[str, PhaseMesh]) ->
     if set(mesh) != {phase.name for phase in problem.phases}:
         raise ValueError(f"meshes are given for {sorted(mesh)}, phases are {sorted(p.name for p in problem.phases)}")
     variables, rows = _Entries(), _Entries()
-    _, statics = variables.new_variables(
+    statics = variables.new_variables(
         problem.statics, [Label("static", static.name, static.scale) for static in problem.statics]
     )
-    static_symbols = _column([static.symbol for static in problem.statics])
+    static_symbols = column_of([static.symbol for static in problem.statics])
     parameters = ca.SX(problem.parameters)
-    layouts, functions = {}, {}
+    layouts, functions, blocks = {}, {}, []
     symbols, values = [static_symbols, parameters], [statics, parameters]
     for phase in problem.phases:
-        function = functions[phase.name] = point_function(phase, static_symbols, parameters)
-        layout, used, meant = _transcribe_phase(
-            phase, mesh[phase.name], function, (statics, parameters), (variables, rows)
-        )
+        model = point_model(problem, phase)
+        functions[phase.name] = model.function
+        outputs = ca.SX.sym(f"{phase.name}.outputs", model.outputs, mesh[phase.name].points.size)
+        layout, used, meant = _transcribe_phase(phase, mesh[phase.name], outputs, (variables, rows))
+        blocks.append(_block(phase, mesh[phase.name], (model, layout, len(problem.statics), outputs)))
         layouts[phase.name] = layout
         symbols += used
         values += meant
     wanted = [ca.SX(problem.objective), *(ca.SX(link.expression) for link in problem.links)]
-    _require_known("the objective or a link", wanted, symbols)
+    require_known("the objective or a link", wanted, symbols)
     objective, *linked = ca.Function("links", symbols, wanted).call(values)
-    rows.append(_column(linked), problem.links, [Label("link", link.name, link.scale) for link in problem.links])
+    rows.append(
+        column_of(linked), _bounds(problem.links), [Label("link", link.name, link.scale) for link in problem.links]
+    )
     bounds = [entries.bound(side) for entries in (variables, rows) for side in (0, 1)]
-    _require_known("a bound", bounds, [parameters])
+    require_known("a bound", bounds, [parameters])
+    x, g = ca.vertcat(*variables.columns), ca.vertcat(*rows.columns) / rows.scales
     return NonlinearProgram(
-        x=ca.vertcat(*variables.columns),
-        p=parameters,
-        f=objective,
-        g=ca.vertcat(*rows.columns) / rows.scales,
+        composition=Composition(x, parameters, objective, g, blocks),
         bounds=ca.Function("bounds", [parameters], bounds, ["p"], ["lbx", "ubx", "lbg", "ubg"]),
         variables=tuple(variables.labels),
         rows=tuple(rows.labels),
@@ -199,46 +171,58 @@ def transcribe(problem: OptimalControlProblem, mesh: Mapping[str, PhaseMesh]) ->
     )
 
 
+def _block(phase: Phase, mesh: PhaseMesh, of: tuple[PointModel, PhaseLayout, int, Any]) -> PointBlock:
+    """Return the points of a phase: where the variables of each of them stand in x, and the symbols of its outputs."""
+    model, layout, statics, outputs = of
+    shared = np.array([*range(statics), layout.duration], dtype=np.intp)
+    places = [layout.states[:, 1:], layout.algebraics, layout.controls, np.tile(shared[:, None], mesh.points.size)]
+    return PointBlock(model, np.vstack(places), mesh.points, outputs)
+
+
 def _transcribe_phase(
-    phase: Phase, mesh: PhaseMesh, function: Any, shared: tuple[Any, Any], program: tuple[_Entries, _Entries]
+    phase: Phase, mesh: PhaseMesh, outputs: Any, program: tuple[_Entries, _Entries]
 ) -> tuple[PhaseLayout, list[Any], list[Any]]:
     """Add the variables and rows of a phase; return its layout, and its link symbols with their meaning."""
     variables, rows = program
     declared = {"state": phase.states, "algebraic": phase.algebraics, "control": phase.controls}
-    places: dict[str, list[list[int]]] = {kind: [] for kind in declared}
-
-    def add(kind: str, point: int, fraction: float) -> Any:
-        """Add the variables of one kind at one point; return their values."""
-        labels = [Label(kind, v.name, v.scale, phase.name, point, fraction) for v in declared[kind]]
-        indices, values = variables.new_variables(declared[kind], labels)
-        places[kind].append(indices)
-        return values
-
-    (duration_index,), duration = variables.new_variables(
+    first = len(variables.labels)
+    duration = variables.new_variables(
         [phase.duration_variable], [Label("duration", "duration", phase.duration_variable.scale, phase.name)]
     )
-    states, quantities = [add("state", 0, 0.0)], []
+    started = variables.new_variables(
+        phase.states, [Label("state", v.name, v.scale, phase.name, 0, 0.0) for v in phase.states]
+    )
+    unknowns = variables.new_variables(
+        [variable for group in declared.values() for variable in group],
+        [
+            label
+            for index in range(mesh.points.size)
+            for kind, group in declared.items()
+            for label in _point_labels(kind, phase, mesh, index, group)
+        ],
+    )
+    layout = _layout(first, [len(group) for group in declared.values()], mesh.points.size)
+    said, count = phase.expressions, len(phase.states)
+    sizes = [count, len(said.residuals), len(said.constraints), len(said.outputs)]
+    derivatives, residuals, constraints, reported = ca.vertsplit(outputs, np.cumsum([0, *sizes]).tolist())
+    states, quantities = ca.horzcat(started, unknowns[:count, :]), ca.vertcat(unknowns, reported)
+    degree, differentiation = mesh.degree, differentiation_matrix(mesh.degree).T
     for interval, width in enumerate(mesh.interval_fractions):
-        results = []
-        for k in range(interval * mesh.degree, (interval + 1) * mesh.degree):
-            fraction = float(mesh.points[k])
-            groups = [add(kind, k + 1, fraction) for kind in declared]
-            results.append(function(*groups, fraction * duration, duration, *shared))
-            states.append(groups[0])
-            quantities.append(ca.vertcat(*groups, results[-1][3]))
-        slopes = ca.horzcat(*states[-mesh.degree - 1 :]) @ differentiation_matrix(mesh.degree).T
-        for j, result in enumerate(results):
-            defect = slopes[:, j] - width * duration * result[0]
-            place = interval * mesh.degree + j, mesh
-            _add_point_rows(rows, phase, place, (defect, result))
+        points = slice(interval * degree, (interval + 1) * degree)
+        slopes = states[:, interval * degree : (interval + 1) * degree + 1] @ differentiation
+        defects = slopes - width * duration * derivatives[:, points]
+        rows.append(
+            ca.vec(ca.vertcat(defects, residuals[:, points], constraints[:, points])),
+            [*[(0.0, 0.0)] * (sizes[0] + sizes[1]), *_bounds(said.constraints)] * degree,
+            [label for k in range(mesh.points.size)[points] for label in _row_labels(phase, mesh, k)],
+        )
         _add_rate_rows(rows, phase, (interval, mesh), (quantities, duration))
-    layout = PhaseLayout(duration_index, *(np.array(p, dtype=np.intp).T for p in places.values()))
-    integrals = duration * (ca.horzcat(*quantities) @ mesh.weights)
+    integrals = duration * (quantities @ mesh.weights)
     symbols, values = [phase.duration], [duration]
     for used, column in (
-        (phase.start.used, states[0]),
-        (phase.first.used, quantities[0]),
-        (phase.end.used, quantities[-1]),
+        (phase.start.used, started),
+        (phase.first.used, quantities[:, 0]),
+        (phase.end.used, quantities[:, -1]),
         (phase.integral.used, integrals),
         (phase.mean.used, integrals / duration),
     ):
@@ -248,28 +232,47 @@ def _transcribe_phase(
     return layout, symbols, values
 
 
-def _add_point_rows(rows: _Entries, phase: Phase, place: tuple[int, PhaseMesh], point: tuple[Any, Any]) -> None:
-    """Add defects, residuals and path constraints of one collocation point (index from 0)."""
-    (index, mesh), (defect, (_, residuals, constraints, _)) = place, point
-    paths = phase.expressions.constraints
-    rows.append_equations(defect, _point_labels("defect", phase, mesh, index, phase.states))
-    rows.append_equations(residuals, _point_labels("residual", phase, mesh, index, phase.expressions.residuals))
-    rows.append(constraints, paths, _point_labels("path", phase, mesh, index, paths))
+def _layout(first: int, sizes: Sequence[int], points: int) -> PhaseLayout:
+    """Return where a phase stands in x: its duration, states at the start, then all kinds point by point."""
+    start = first + 1 + np.arange(sizes[0], dtype=np.intp)
+    places = first + 1 + sizes[0] + np.arange(sum(sizes) * points, dtype=np.intp).reshape(points, sum(sizes)).T
+    states, algebraics, controls = np.split(places, np.cumsum(sizes)[:-1])
+    return PhaseLayout(first, np.column_stack((start, states)), algebraics, controls)
 
 
-def _add_rate_rows(rows: _Entries, phase: Phase, place: tuple[int, PhaseMesh], so_far: tuple[list[Any], Any]) -> None:
+def _add_rate_rows(rows: _Entries, phase: Phase, place: tuple[int, PhaseMesh], of: tuple[Any, Any]) -> None:
     """Add the rate limits of one interval: as many rows as steps between its points and from the interval before."""
-    (interval, mesh), (quantities, duration) = place, so_far
+    (interval, mesh), (quantities, duration) = place, of
     if not phase.rate_limits:
         return
     matrix = slope_bounds_matrix(mesh.degree, interval == 0)
     steps, nodes = matrix.shape
+    end = (interval + 1) * mesh.degree
     chosen = [phase.quantities.index(limit.quantity) for limit in phase.rate_limits]
-    values = ca.horzcat(*(point[chosen] for point in quantities[-nodes:]))
+    values = quantities[chosen, end - nodes : end]
     rates = (values @ matrix.T) / (mesh.interval_fractions[interval] * duration)
-    for step in range(steps):
-        index = len(quantities) - steps + step
-        rows.append(rates[:, step], phase.rate_limits, _point_labels("rate", phase, mesh, index, phase.rate_limits))
+    labels = [
+        label
+        for index in range(end - steps, end)
+        for label in _point_labels("rate", phase, mesh, index, phase.rate_limits)
+    ]
+    rows.append(ca.vec(rates), _bounds(phase.rate_limits) * steps, labels)
+
+
+def _row_labels(phase: Phase, mesh: PhaseMesh, index: int) -> list[Label]:
+    """Label defects, residuals and path constraints of a collocation point (index from 0)."""
+    said = phase.expressions
+    return [
+        *_point_labels("defect", phase, mesh, index, phase.states),
+        *_point_labels("residual", phase, mesh, index, said.residuals),
+        *_point_labels("path", phase, mesh, index, said.constraints),
+    ]
+
+
+def _bounds(
+    declared: Sequence[Variable | PathConstraint | RateLimit | Link],
+) -> list[tuple[Expression, Expression]]:
+    return [(one.lower, one.upper) for one in declared]
 
 
 def _point_labels(
@@ -282,16 +285,3 @@ def _point_labels(
     """Label the rows of a collocation point (index from 0)."""
     fraction = float(mesh.points[index])
     return [Label(kind, declared.name, declared.scale, phase.name, index + 1, fraction) for declared in of]
-
-
-def _column(expressions: Sequence[Expression]) -> Any:
-    """Column vector of scalars, of shape (0, 1) when there are none."""
-    return ca.SX(ca.vertcat(*expressions)) if expressions else ca.SX(0, 1)
-
-
-def _require_known(owner: str, expressions: Sequence[Any], known: Sequence[Any]) -> None:
-    """Reject expressions of symbols that have no value where they are used."""
-    allowed = {symbol.__hash__() for group in known for symbol in ca.symvar(group)}
-    strange = [s.name() for s in ca.symvar(ca.veccat(*expressions)) if s.__hash__() not in allowed]
-    if strange:
-        raise ValueError(f"{owner} uses {', '.join(strange)}, which has no value there")

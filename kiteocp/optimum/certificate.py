@@ -13,7 +13,6 @@ from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
-import casadi as ca
 import numpy as np
 
 from kiteocp.ocp.nlp import NonlinearProgram
@@ -47,7 +46,6 @@ __all__ = [
     "limits_check",
     "mesh_check",
     "objective_check",
-    "objective_of",
     "optimality_of",
     "resimulation_check",
     "solver_check",
@@ -107,23 +105,17 @@ def optimality_of(program: NonlinearProgram) -> Optimality:
     return Optimality(program)
 
 
-@lru_cache(maxsize=16)
-def objective_of(program: NonlinearProgram) -> ca.Function:
-    """Return the (once built) objective of a program, a function of its variables and parameters."""
-    return ca.Function("objective", [program.x, program.p], [program.f])
-
-
 def solver_check(solution: Solution, mesh: str | None = None) -> Check:
     """Check what the solver says of itself, on the mesh of this name."""
     where = f" on mesh {mesh}" if mesh is not None else ""
-    text = f"IPOPT: {solution.status}{where} after {solution.iterations} iterations"
+    text = f"{solution.method}: {solution.status}{where} after {solution.iterations} iterations"
     return Check("solver", solution.success, None, None, text)
 
 
 def kkt_check(program: NonlinearProgram, solution: Solution) -> Check:
     """Recompute the first-order conditions, and the objective, from the numbers of the solution."""
     kkt = optimality_of(program).residuals(solution)
-    misstated = abs(float(objective_of(program)(solution.x, solution.p)) - solution.f)
+    misstated = abs(float(program.composition.values(solution.x, solution.p)[0]) - solution.f)
     # The largest of numbers among which one is missing may be any of them.
     numbers = np.array([kkt.stationarity, kkt.primal_feasibility, kkt.complementarity, misstated])
     largest = float(np.max(numbers))

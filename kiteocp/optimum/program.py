@@ -152,7 +152,15 @@ def cycle_program(structure: Structure, formulation: Formulation) -> NonlinearPr
 
 
 def cycle_problem(structure: Structure, formulation: Formulation) -> OptimalControlProblem:
-    """Declare the optimal control problem: phases, links between them, and the mean power to be maximised."""
+    """Declare the optimal control problem: phases, links between them, and the mean power to be maximised.
+
+    All meshes share one declaration, and so the derivatives of its points.
+    """
+    return _declared(structure, replace(formulation, intervals=(), degree=0, interval_fractions=None))
+
+
+@lru_cache(maxsize=16)
+def _declared(structure: Structure, formulation: Formulation) -> OptimalControlProblem:
     builder = PhaseBuilder(Model(parameters_of(structure)), formulation)
     phases: list[Phase] = []
     statics: list[Static] = []

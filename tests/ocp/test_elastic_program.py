@@ -12,6 +12,7 @@ import casadi as ca
 import numpy as np
 import pytest
 
+from kiteocp.ocp.composition import Composition
 from kiteocp.ocp.declaration import OptimalControlProblem
 from kiteocp.ocp.elastic import SQUARE_WEIGHT, ElasticProgram, ElasticSlack, PenaltyWeight
 from kiteocp.ocp.nlp import Label, NonlinearProgram
@@ -23,10 +24,7 @@ def program(x: Any, p: Any, rows: Sequence[tuple[Any, Any, Any]], lower: Any, up
     """A program without objective: rows are (expression, lower bound, upper bound)."""
     lbg, ubg = (ca.vertcat(*(ca.SX(row[side]) for row in rows)) for side in (1, 2))
     return NonlinearProgram(
-        x=x,
-        p=p,
-        f=ca.SX(0.0),
-        g=ca.vertcat(*(row[0] for row in rows)),
+        composition=Composition(x, p, ca.SX(0.0), ca.vertcat(*(row[0] for row in rows))),
         bounds=ca.Function("bounds", [p], [lower, upper, lbg, ubg]),
         variables=tuple(Label("static", f"x{i}") for i in range(x.numel())),
         rows=tuple(Label("link", f"row {i}") for i in range(len(rows))),

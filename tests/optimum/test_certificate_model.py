@@ -79,7 +79,7 @@ class ClimbsFaster(Model):
 @pytest.fixture
 def fresh_programs() -> Iterator[None]:
     """Let no program of another model outlive a test, in either direction."""
-    caches = (formulation.cycle_program, search.cycle_solver)
+    caches = (formulation.cycle_program, formulation._declared, search.cycle_solver)
     for cache in caches:
         cache.cache_clear()
     yield
