@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from kiteocp.errors import KiteocpError as KiteocpError
     from kiteocp.errors import NoEquilibriumError as NoEquilibriumError
     from kiteocp.errors import SolveError as SolveError
+    from kiteocp.optimum.many import solve_many as solve_many
     from kiteocp.optimum.solve import solve as solve
     from kiteocp.physics.flight import flight_state as flight_state
     from kiteocp.problem import Problem as Problem
@@ -68,6 +69,7 @@ _HOMES: dict[str, str] = {
     "simulate": "kiteocp.cycle",
     "simulate_batch": "kiteocp.cycle.fast.batch",
     "solve": "kiteocp.optimum.solve",
+    "solve_many": "kiteocp.optimum.many",
     "validate_flight": "kiteocp.studies.prediction.study",
     "validate_paper": "kiteocp.studies.paper.paper",
 }

@@ -42,7 +42,7 @@ def test_four_threads_compute_what_one_does(verb: str, turns: int) -> None:
 
 CALCULATIONS = (
     "crosswind", "estimate", "export_schedule", "flight_state", "representative_course", "sensitivities", "simulate",
-    "simulate_batch", "solve", "validate_flight", "validate_paper",
+    "simulate_batch", "solve", "solve_many", "validate_flight", "validate_paper",
 )  # fmt: skip
 
 

@@ -8,6 +8,7 @@ which the model has a steady state.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
@@ -136,10 +137,31 @@ class Limit:
 
     def margin(self, record: PhaseRecord, values: ParameterValues) -> float | None:
         """Return the smallest of `distances`, minus infinity where one is not a number."""
-        found = self.distances(record, values)
-        if found is None:
-            return None
-        return float(np.min(found)) if np.all(np.isfinite(found)) else -np.inf
+        return self.margins([record], values)[0]
+
+    def margins(self, records: Sequence[PhaseRecord], values: ParameterValues) -> list[float | None]:
+        """Return `margin` of each record."""
+        bound, size = float(self.bound(values)), self.size(values)
+        found: list[float | None] = []
+        for record in records:
+            ends = self._ends(record) if record.name in self.phases else None
+            if ends is None:
+                found.append(None)
+                continue
+            least, greatest = ends
+            if self.side == "lower":
+                gap = least - bound
+            else:
+                gap = bound - (max(abs(least), abs(greatest)) if self.side == "both" else greatest)
+            found.append(gap / size if math.isfinite(least) and math.isfinite(greatest) else -math.inf)
+        return found
+
+    def _ends(self, record: PhaseRecord) -> tuple[float, float] | None:
+        """Return the least and the greatest of `samples`; the many quantities of a record share their computation."""
+        if not self.rate and self.quantity in OUTPUTS:
+            return record.ends(self.quantity)
+        samples = self.samples(record)
+        return None if samples is None else (float(np.min(samples)), float(np.max(samples)))
 
     def distances(self, record: PhaseRecord, values: ParameterValues) -> np.ndarray | None:
         """Return the distance of each of `samples` to the limit over `size`, negative where it is exceeded."""

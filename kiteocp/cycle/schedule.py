@@ -22,6 +22,7 @@ from kiteocp.cycle.motion import at_force, motion
 from kiteocp.cycle.phases import KINDS, FlownPhase, PhaseName
 from kiteocp.cycle.simulation import STATE_SCALES, cycle_error
 from kiteocp.cycle.summary import PhaseRecord, electrical_energy_J
+from kiteocp.numerics.buffered import BufferedFunction
 from kiteocp.numerics.integrator import IntegrationError, Integrator
 from kiteocp.physics.equilibrium import OUTPUTS, outputs_of
 from kiteocp.physics.model import LocalConditions, Model
@@ -87,9 +88,10 @@ class Schedule:
         """Return a scheduled quantity at times within the phase, shape as ``time_s``."""
         index = np.clip(np.searchsorted(self.borders_s, time_s, side="right") - 1, 0, self.borders_s.size - 2)
         s = (time_s - self.borders_s[index]) / np.diff(self.borders_s)[index]
-        powers = s[:, None] ** np.arange(self.coefficients[name].shape[1])
-        values: np.ndarray = np.sum(self.coefficients[name][index] * powers, axis=1)
-        return values
+        *lower, values = self.coefficients[name][index].T
+        for coefficient in reversed(lower):
+            values = values * s + coefficient
+        return np.asarray(values, dtype=np.float64)
 
 
 @dataclass(frozen=True)
@@ -194,6 +196,13 @@ def fly_schedule(
     return FlownPhase(schedule.name, np.concatenate(states))
 
 
+@lru_cache(maxsize=256)
+def _outputs_at(structure: Structure, name: PhaseName, quantities: tuple[str, ...], count: int) -> BufferedFunction:
+    """Build (once) the outputs at so many points; the parameters are those of all."""
+    outputs = schedule_functions(structure, name, quantities).outputs
+    return BufferedFunction(outputs.map("outputs", "serial", count, [3], []))
+
+
 def outputs_on_schedule(
     values: ParameterValues,
     schedule: Schedule,
@@ -202,10 +211,10 @@ def outputs_on_schedule(
     elevation_rad: np.ndarray,
 ) -> np.ndarray:
     """Evaluate the quantities of `OUTPUTS` along a phase, shape (len(OUTPUTS), n), from the place and the schedule."""
-    functions = schedule_functions(values.structure, schedule.name, schedule.quantities)
-    scheduled = np.array([schedule.value(name, time_s) for name in schedule.quantities])
-    mapped = functions.outputs.map(time_s.size)
-    return np.asarray(mapped(tether_length_m[None, :], elevation_rad[None, :], scheduled, values.vector))
+    scheduled = np.column_stack([schedule.value(name, time_s) for name in schedule.quantities])
+    mapped = _outputs_at(values.structure, schedule.name, schedule.quantities, time_s.size)
+    found = mapped(tether_length_m, elevation_rad, scheduled.ravel(), values.vector)
+    return found.reshape(time_s.size, len(OUTPUTS)).T.copy()
 
 
 def record_on_schedule(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any
 
 import casadi as ca
@@ -74,6 +74,15 @@ class PhaseRecord:
         """Return one quantity of `OUTPUTS` at the samples, shape (n,)."""
         row: np.ndarray = self.outputs[OUTPUTS.index(name)]
         return row
+
+    def ends(self, name: str) -> tuple[float, float]:
+        """Return the least and the greatest sample of one quantity of `OUTPUTS`; not a number where one is not."""
+        least, greatest = self._ends
+        return least[OUTPUTS.index(name)], greatest[OUTPUTS.index(name)]
+
+    @cached_property
+    def _ends(self) -> tuple[list[float], list[float]]:
+        return self.outputs.min(axis=1).tolist(), self.outputs.max(axis=1).tolist()
 
     def rate(self, name: str) -> np.ndarray:
         """Return the difference quotients in time of one quantity of `OUTPUTS` between the samples, shape (n - 1,)."""

@@ -1,8 +1,8 @@
 """What is known about an optimum: every claim recomputed from the numbers, none taken from the solver's word alone.
 
 A certificate is a list of checks. Those that must pass decide the status; the others inform. ``quick`` judges a
-solution on its own mesh; ``full`` has also solved a refinement of the mesh and compared. The checks of the solution
-of the program are here, those of the cycle it stands for in `kiteocp.optimum.checks`.
+solution on its own mesh; ``full`` has also solved a refinement of the mesh and compared; ``none`` certifies nothing.
+The checks of the solution of the program are here, those of the cycle it stands for in `kiteocp.optimum.checks`.
 """
 
 from __future__ import annotations
@@ -82,11 +82,13 @@ class Certificate:
     @property
     def status(self) -> str:
         """``certified`` or ``not_certified``."""
-        return "certified" if self.passed else "not_certified"
+        return "certified" if self.passed and self.level != "none" else "not_certified"
 
     @property
     def message(self) -> str:
-        """What failed, in one sentence."""
+        """Why there is no certificate, in one sentence; empty where there is one."""
+        if self.passed and self.level == "none":
+            return "no certificate was asked for: limits between the mesh points and the re-simulation are not checked"
         return "; ".join(f"the check of {check.name} failed: {check.text}" for check in self.failures)
 
     def to_dict(self) -> dict[str, Any]:

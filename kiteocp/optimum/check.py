@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any, Literal
 
-#: ``quick`` judges a solution on its own mesh; ``full`` has also solved a refinement of the mesh and compared.
-Level = Literal["quick", "full"]
+#: ``quick`` judges a solution on its own mesh; ``full`` has also solved a refinement of the mesh and compared; ``none``
+#: has only recomputed the first-order conditions and the objective, and certifies nothing.
+Level = Literal["quick", "full", "none"]
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from kiteocp.cycle.objective import POWERS, energy, mean_power
-from kiteocp.cycle.phases import KINDS, FlownPhase, PhaseName
+from kiteocp.cycle.phases import KINDS, PhaseName
 from kiteocp.cycle.schedule import outputs_on_schedule, record_of_flight
 from kiteocp.cycle.summary import PhaseRecord
 from kiteocp.errors import CycleError
@@ -56,18 +56,16 @@ class LimitMargin:
     margin: float
 
 
-def limit_margins(cycle: OptimalCycle, flown: Sequence[FlownPhase] | None) -> list[LimitMargin]:
+def limit_margins(cycle: OptimalCycle, flown: Sequence[PhaseRecord]) -> list[LimitMargin]:
     """Find the worst margin of every limit: in the samples that are written, in each mesh interval, re-simulated."""
     values = cycle.values
-    records: list[PhaseRecord] = [*cycle.records, *cycle.fine_records]
-    if flown is not None:
-        for schedule, phase in zip(cycle.schedules, flown, strict=True):
-            records.append(record_of_flight(values, schedule, phase))
+    records = [*cycle.records, *cycle.fine_records, *flown]
     margins = []
     for limit in cycle.limits:
         # A phase that is flown until its time is over says nothing of limits of the whole.
         judged = cycle.records if limit.whole else records
-        found = [(margin, record.name) for record in judged if (margin := limit.margin(record, values)) is not None]
+        reached = zip(limit.margins(judged, values), judged, strict=True)
+        found = [(margin, record.name) for margin, record in reached if margin is not None]
         if found:
             margin, name = min(found)
             margins.append(LimitMargin(limit.key, name, margin))
@@ -105,9 +103,7 @@ def limits_check(margins: Sequence[LimitMargin]) -> Check:
     return Check("limits", passed, violation, MARGIN_TOLERANCE, text)
 
 
-def resimulation_check(
-    cycle: OptimalCycle, level: Level = "full"
-) -> tuple[Check, list[FlownPhase] | None, dict[str, Any]]:
+def resimulation_check(cycle: OptimalCycle, level: Level = "full") -> tuple[Check, list[PhaseRecord], dict[str, Any]]:
     """Fly the schedule by the independent integrator and compare energy, tether length and elevation.
 
     Parameters
@@ -120,20 +116,20 @@ def resimulation_check(
     Returns
     -------
     check, flown, facts
-        The flown phases are None where the flight ended early.
+        Of the flown phases there are none where the flight ended early.
     """
     facts: dict[str, Any]
     allowed = QUICK_ALLOWANCE if level == "quick" else 1.0
     tolerance = allowed * ENERGY_TOLERANCE
     if not all(np.array_equal(phase.parameters, cycle.values.vector) for phase in cycle.trajectory.phases.values()):
         text = "the solution belongs to other numbers than those of the problem"
-        return Check("re-simulation", False, None, tolerance, text), None, {"completed": False, "message": text}
+        return Check("re-simulation", False, None, tolerance, text), [], {"completed": False, "message": text}
     try:
         flown = cycle.resimulate()
     except CycleError as error:
         text = f"the optimal schedule cannot be flown, its {error.phase} ends {error.cause}"
         facts = {"completed": False, "message": text}
-        return Check("re-simulation", False, None, tolerance, text), None, facts
+        return Check("re-simulation", False, None, tolerance, text), [], facts
     records = [record_of_flight(cycle.values, *pair) for pair in zip(cycle.schedules, flown, strict=True)]
     traction = cycle.record("traction")
     ends = {record.name: record for record in cycle.records}
@@ -171,7 +167,7 @@ def resimulation_check(
         "elevation_gap_deg": elevation_gap,
         "state_gap": state_gap,
     }
-    return Check("re-simulation", bool(passed), abs(energy_gap), tolerance, text), flown, facts
+    return Check("re-simulation", bool(passed), abs(energy_gap), tolerance, text), records, facts
 
 
 def _state_gap(cycle: OptimalCycle) -> float:

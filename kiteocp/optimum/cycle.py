@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -13,7 +13,7 @@ from kiteocp.cycle.limits import Limit, limits_of
 from kiteocp.cycle.phases import KINDS, FlownPhase, PhaseName, pauses_after
 from kiteocp.cycle.schedule import SCHEDULED, Schedule, fly_schedule, record_on_schedule
 from kiteocp.cycle.summary import PhaseRecord
-from kiteocp.ocp.collocation import continuous_nodes, radau_points
+from kiteocp.ocp.collocation import PhaseMesh, continuous_nodes, radau_points
 from kiteocp.ocp.entries import Variable
 from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.nlpsolver import Solution
@@ -60,8 +60,7 @@ class OptimalCycle:
         """Read a solution."""
         trajectory = program.unpack(solution.x, solution.p)
         schedules = tuple(schedule_of(trajectory, KINDS[name].name) for name in trajectory.phases)  # type: ignore[index]
-        fractions = np.linspace(0.0, 1.0, SAMPLES)
-        records = tuple(_record(values, trajectory, schedule, fractions) for schedule in schedules)
+        records = tuple(_record(values, trajectory, schedule) for schedule in schedules)
         jumps_limited = any(link.name.startswith(SPEED_JUMP) for link in program.problem.links)
         return cls(values, trajectory, schedules, records, jumps_limited)
 
@@ -81,13 +80,7 @@ class OptimalCycle:
     @cached_property
     def fine_records(self) -> tuple[PhaseRecord, ...]:
         """The phases sampled `SAMPLES_OF_AN_INTERVAL` times in each interval of the mesh, however short it is."""
-        parts = np.arange(SAMPLES_OF_AN_INTERVAL) / SAMPLES_OF_AN_INTERVAL
-        found = []
-        for schedule in self.schedules:
-            borders = self.trajectory[schedule.name].mesh.borders
-            inside = borders[:-1, None] + np.diff(borders)[:, None] * parts
-            found.append(_record(self.values, self.trajectory, schedule, np.append(inside.ravel(), 1.0)))
-        return tuple(found)
+        return tuple(_record(self.values, self.trajectory, schedule, fine=True) for schedule in self.schedules)
 
     def resimulate(self) -> list[FlownPhase]:
         """Fly the schedules by the independent integrator, each phase from where the last one ended.
@@ -131,16 +124,28 @@ def _coefficients(phase: PhaseTrajectory, control: Variable) -> np.ndarray:
     return coefficients
 
 
-def _record(values: ParameterValues, trajectory: Trajectory, schedule: Schedule, fractions: np.ndarray) -> PhaseRecord:
-    """Sample a phase at fractions of its time, increasing."""
+@lru_cache(maxsize=64)
+def _sampling(mesh: PhaseMesh, fine: bool) -> tuple[np.ndarray, np.ndarray]:
+    """Return fractions of a phase, increasing, and the matrix from its states at the points to those there."""
+    if not fine:
+        fractions = np.linspace(0.0, 1.0, SAMPLES)
+    else:
+        parts = np.arange(SAMPLES_OF_AN_INTERVAL) / SAMPLES_OF_AN_INTERVAL
+        inside = mesh.borders[:-1, None] + np.diff(mesh.borders)[:, None] * parts
+        fractions = np.append(inside.ravel(), 1.0)
+    return fractions, mesh.state_matrix(fractions)
+
+
+def _record(values: ParameterValues, trajectory: Trajectory, schedule: Schedule, *, fine: bool = False) -> PhaseRecord:
+    """Sample a phase `SAMPLES` times, or `SAMPLES_OF_AN_INTERVAL` times in each interval of its mesh."""
     phase = trajectory[schedule.name]
+    fractions, states = _sampling(phase.mesh, fine)
     time = fractions * phase.duration
-    states = phase.mesh.state_matrix(fractions)
     length = states @ phase.values["tether_length"]
     if "elevation" in phase.values:
         elevation = states @ phase.values["elevation"]
     else:
-        elevation = np.full(fractions.size, trajectory.statics["elevation"])
+        elevation = np.full(time.size, trajectory.statics["elevation"])
     energies = phase.integrals["power"], phase.integrals["electrical_power"]
     return record_on_schedule(values, schedule, time, (length, elevation), energies)
 

@@ -86,8 +86,14 @@ class MeshSolution:
     @property
     def shortest_interval_s(self) -> float:
         """Length of the shortest interval."""
-        phases = self.solver.program.unpack(self.solution.x, self.solution.p).phases.values()
-        return float(min(phase.duration * min(phase.mesh.interval_fractions) for phase in phases))
+        program = self.solver.program
+        durations_s = self.solution.x * program.scales
+        return float(
+            min(
+                durations_s[program.layouts[name].duration] * min(mesh.interval_fractions)
+                for name, mesh in program.mesh.items()
+            )
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return the mesh as plain values for the summary."""
@@ -172,11 +178,34 @@ def optimise(problem: Problem, *, certificate: Level = "full") -> Optimum:
     """
     check_word("certificate", certificate, get_args(Level))
     values = parameter_values(problem)
-    formulation = Formulation.of(problem)
-    options = solver_options(problem)
-    solver = cycle_solver(values.structure, formulation, options)
-    attempts = search(values, formulation, options)
-    meshes = [MeshSolution(formulation, solver, best_of(attempts).solution, halved=False)]
+    return certified(problem, search(values, Formulation.of(problem), solver_options(problem)), certificate)
+
+
+def certified(
+    problem: Problem, attempts: Sequence[Attempt], certificate: Level, formulation: Formulation | None = None
+) -> Optimum:
+    """Judge the best of some solutions, and refine its mesh as the certificate asks for.
+
+    Parameters
+    ----------
+    problem
+        The problem.
+    attempts
+        Solutions on one mesh, or what came instead.
+    certificate
+        As for `optimise`.
+    formulation
+        Where their mesh is not that of the problem file.
+
+    Raises
+    ------
+    SolveError
+        None of them succeeded.
+    """
+    values, options = parameter_values(problem), solver_options(problem)
+    formulation = formulation or Formulation.of(problem)
+    best = best_of(attempts)
+    meshes = [MeshSolution(formulation, best.solver, best.solution, halved=False)]
     optimum = None
     adaptations = unflyable = 0
     for count in range(REFINEMENTS if certificate == "full" else 0):
@@ -294,15 +323,17 @@ def _judged(
     """Read the solution on the last mesh and run all checks on it."""
     solver, solution = meshes[-1].solver, meshes[-1].solution
     cycle = OptimalCycle.of(solver.program, solution, values)
-    resimulation, flown, facts = certify.resimulation_check(cycle, level)
-    margins = certify.limit_margins(cycle, flown)
     checks = [
         certify.solver_check(solution, meshes[-1].name),
         certify.kkt_check(solver.program, solution),
         certify.objective_check(meshes[-1].mean_power_W, cycle, problem.optimisation.objective),
-        certify.limits_check(margins),
-        resimulation,
     ]
+    facts: dict[str, Any] = {}
+    if level != "none":
+        resimulation, flown, facts["resimulation"] = certify.resimulation_check(cycle, level)
+        margins = certify.limit_margins(cycle, flown)
+        facts["limit_margins"] = {item.key: {"phase": item.phase, "margin": item.margin} for item in margins}
+        checks += [certify.limits_check(margins), resimulation]
     if level == "full":
         checks.append(_mesh_check(meshes, values))
     failed = {attempt.start: attempt.solution.status for attempt in attempts if not attempt.solution.success}
@@ -317,11 +348,7 @@ def _judged(
         solution,
         cycle,
         Certificate(level, tuple(checks)),
-        {
-            "resimulation": facts,
-            "limit_margins": {item.key: {"phase": item.phase, "margin": item.margin} for item in margins},
-            "meshes": [mesh.to_dict() for mesh in meshes],
-        },
+        {**facts, "meshes": [mesh.to_dict() for mesh in meshes]},
     )
 
 

@@ -41,7 +41,7 @@ def solve(problem: Problem, *, certificate: Level = "full") -> Result:
         The problem; its ``limits`` bound the cycle, its ``optimisation`` block says what is free.
     certificate
         ``full`` refines the mesh until the optimal power no longer changes by more than 1e-4; ``quick`` judges the
-        solution on the mesh of the problem file.
+        solution on the mesh of the problem file; ``none`` checks the first-order conditions and the objective alone.
 
     Returns
     -------
@@ -61,8 +61,8 @@ def solve(problem: Problem, *, certificate: Level = "full") -> Result:
     return result_of(optimise(problem, certificate=certificate), time.perf_counter() - began)
 
 
-def result_of(optimum: Optimum, total_time_s: float) -> Result:
-    """Put an optimum into the form of the output contract."""
+def result_of(optimum: Optimum, total_time_s: float, *, compared: bool = True) -> Result:
+    """Put an optimum into the form of the output contract, beside the prescribed cycle unless it is not asked for."""
     cycle, values, problem = optimum.cycle, optimum.values, optimum.problem
     phases = phase_summaries(cycle.records, values)
     pause = values["limits.phase_change_time_s"]
@@ -73,7 +73,7 @@ def result_of(optimum: Optimum, total_time_s: float) -> Result:
     summary = cycle_summary(values, phases, traction_altitude_m=altitude, phase_change_time_s=pause)
     solver_time = sum(attempt.solution.time_s for attempt in optimum.attempts)
     best = best_of(optimum.attempts)
-    prescribed, unflown = prescribed_cycle(problem)
+    prescribed, unflown = prescribed_cycle(problem) if compared else (None, None)
     return Result(
         verb="solve",
         problem=problem,
@@ -95,7 +95,7 @@ def result_of(optimum: Optimum, total_time_s: float) -> Result:
         channels=channels_of(cycle.records, values, pause),
         details={
             "solver": {
-                "name": "ipopt",
+                "name": optimum.solution.method.lower(),
                 "status": optimum.solution.status,
                 "iterations": best.solution.iterations,
                 "time_s": best.solution.time_s,
@@ -108,7 +108,7 @@ def result_of(optimum: Optimum, total_time_s: float) -> Result:
             },
             "objective": problem.optimisation.objective,
             "certificate": optimum.certificate.to_dict(),
-            **({} if optimum.certificate.passed else {"message": optimum.certificate.message}),
+            **({} if optimum.certificate.status == "certified" else {"message": optimum.certificate.message}),
             "starts": [
                 {
                     "start": attempt.start,

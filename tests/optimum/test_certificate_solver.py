@@ -245,7 +245,7 @@ def test_a_missing_speed_cannot_hide_among_the_jumps(strong_wind: Problem) -> No
         records[index] = replace(records[index], outputs=outputs)
         broken = OptimalCycle(cycle.values, cycle.trajectory, cycle.schedules, tuple(records))
         assert certify.jumps_check(broken, limited=True).passed is False
-        assert certify.limits_check(certify.limit_margins(broken, None)).passed is False
+        assert certify.limits_check(certify.limit_margins(broken, [])).passed is False
 
 
 def test_the_program_says_so_and_exits_with_1(

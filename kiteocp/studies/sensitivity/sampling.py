@@ -1,6 +1,6 @@
 """Samples of a problem whose numbers are uncertain: their distributions, and the optimum of each sample.
 
-A sample is re-solved warm from the nominal optimum and accepted if IPOPT succeeds and the first-order conditions,
+A sample is re-solved from the nominal optimum (`kiteocp.optimum.neighbours`) and accepted if first-order conditions,
 recomputed, hold; otherwise it is solved from all starts, and where that fails too the reason is kept.
 """
 
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -18,6 +19,7 @@ from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.nlpsolver import Solution, Solver
 from kiteocp.optimum import certificate as certify
 from kiteocp.optimum.cycle import OptimalCycle
+from kiteocp.optimum.neighbours import Family
 from kiteocp.optimum.program import Formulation
 from kiteocp.optimum.search import best_of, cycle_solver, search, solver_options
 from kiteocp.physics.parameters import ParameterValues, parameter_values
@@ -174,11 +176,13 @@ class Resolver:
         return solution.success and bool(certify.kkt_check(self.solver.program, solution).passed)
 
     def _warm(self, values: ParameterValues) -> float | None:
-        try:
-            solution = self.solver.solve(self.nominal.x, values.vector, warm=self.nominal)
-        except ValueError:
-            return None  # bounds cross: the search explains it
-        return self._power_W(solution) if self._accepted(solution) else None
+        powers = [self._power_W(attempt.solution) for attempt in self._family.attempts(values)]
+        return max(powers, default=None)
+
+    @cached_property
+    def _family(self) -> Family:
+        structure = parameter_values(self.problem).structure
+        return Family(structure, self.formulation, solver_options(self.problem), (self.nominal,))
 
     def _cold(self, values: ParameterValues) -> float | Literal["infeasible", "failed"]:
         try:
@@ -194,10 +198,7 @@ _OWN: dict[str, Any] = {}
 
 
 def start_process(problem: Problem, keys: Sequence[str], nominal: Solution, formulation: Formulation) -> None:
-    """Build the resolver of a process of the pool, which leaves an interruption to the process that waits for it."""
-    import signal  # noqa: PLC0415  (of processes of the pool only)
-
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Build the resolver of a process of the pool."""
     _OWN["resolver"] = Resolver.of(problem, keys, nominal, formulation)
 
 

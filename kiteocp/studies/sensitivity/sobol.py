@@ -6,28 +6,22 @@ limits are in the result. Indices are those of Sobol, estimated by `scipy.stats.
 
 from __future__ import annotations
 
-import contextlib
-import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Callable
 from dataclasses import dataclass
-from multiprocessing import active_children, get_context
-from multiprocessing.process import BaseProcess
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import stats
 
-from kiteocp.errors import InputError, SolveError
+from kiteocp.errors import InputError
 from kiteocp.execution import one_at_a_time
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.optimum.refine import optimise
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem
 from kiteocp.problem.uncertainty import Uncertainty
+from kiteocp.processes import Processes
 from kiteocp.report.table import Cell, Column, Table
 from kiteocp.studies.sensitivity.sampling import (
     Resolver,
@@ -174,9 +168,15 @@ def global_sensitivity(
                 done[place] = resolver.sample(point, open_loop=bool(open_loop[place]), cold=bool(cold[place]))
                 tell(place + 1, len(points))
         else:
-            _in_processes(
-                (problem, keys, nominal.solution, nominal.formulation), points, open_loop, cold, jobs, tell, done
-            )
+            places = [slice(first, first + CHUNK) for first in range(0, len(points), CHUNK)]
+            tasks = [(points[s], open_loop[s].tolist(), cold[s].tolist()) for s in places]
+            counted = 0
+            start = problem, keys, nominal.solution, nominal.formulation
+            with Processes(jobs, start_process, *start) as processes:
+                for place, part in processes.run(sample_in_process, tasks):
+                    done[places[place]] = part
+                    counted += len(part)
+                    tell(counted, len(points))
     except KeyboardInterrupt:
         if keep is not None:
             finished = [place for place, sample in enumerate(done) if sample is not None]
@@ -268,57 +268,3 @@ def _indices(values: FloatArray) -> FloatArray:
         func={"f_A": padded[:1], "f_B": padded[1:2], "f_AB": mixed[:, None, :]}, n=padded.shape[1]
     )
     return np.array([found.first_order[:-1], found.total_order[:-1]], dtype=float)
-
-
-def _in_processes(
-    start: tuple[Any, ...],
-    points: FloatArray,
-    open_loop: NDArray[np.bool_],
-    cold: NDArray[np.bool_],
-    jobs: int,
-    tell: Progress,
-    found: list[Sample | None],
-) -> None:
-    """Share the samples among processes and put them into ``found``; nothing is left running if it is interrupted."""
-    others = set(active_children())
-    workers: set[BaseProcess] = set()
-    # Fresh processes: a fork copies whatever threads hold.
-    pool = ProcessPoolExecutor(jobs, mp_context=get_context("spawn"), initializer=start_process, initargs=start)
-    try:
-        places = [slice(first, first + CHUNK) for first in range(0, len(points), CHUNK)]
-        with _interruption_not_inherited():
-            tasks = {
-                pool.submit(sample_in_process, points[s], open_loop[s].tolist(), cold[s].tolist()): s for s in places
-            }
-        workers = set(active_children()) - others
-        done = 0
-        for task in as_completed(tasks):
-            part: Sequence[Sample] = task.result()
-            found[tasks[task]] = part
-            done += len(part)
-            tell(done, len(points))
-    except BrokenProcessPool:
-        raise SolveError(
-            "a process that solved samples was ended from outside (out of memory?); use fewer jobs"
-        ) from None
-    except KeyboardInterrupt:
-        # Those in the middle of a sample would go on for seconds.
-        for worker in workers or set(active_children()) - others:
-            worker.terminate()
-        raise
-    finally:
-        pool.shutdown(wait=True, cancel_futures=True)
-
-
-@contextlib.contextmanager
-def _interruption_not_inherited() -> Iterator[None]:
-    """Start processes that do not hear Ctrl-C: they would print tracebacks; the one that waits for them stops them."""
-    if not hasattr(signal, "pthread_sigmask"):
-        yield
-        return
-    # Blocked and not ignored: a signal that comes now is heard afterwards.
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,10 +11,9 @@ import numpy as np
 from kiteocp.cycle.phases import PHASES
 from kiteocp.errors import InputError, SolveError
 from kiteocp.execution import one_at_a_time
-from kiteocp.optimum import certificate as certify
-from kiteocp.optimum.certificate import Certificate
-from kiteocp.optimum.cycle import OptimalCycle, active_limits
-from kiteocp.optimum.refine import Optimum, optimise
+from kiteocp.optimum.cycle import active_limits
+from kiteocp.optimum.neighbours import Family
+from kiteocp.optimum.refine import Optimum, certified, optimise
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem
 from kiteocp.problem.catalogue import limit_keys
@@ -192,9 +191,14 @@ def vary(
     last = len(problems) - 1
     cold = kept(last, _cold(problems[last]))
     reached = kept(0, _cold(problems[0]))
-    for index in range(1, last):
-        reached = kept(index, _warm(problems[index], reached))
-    reached = _warm(problems[last], reached)
+    family: Family | None = None
+    for index in range(1, last + 1):
+        # The first that has an optimum is where the others come from.
+        if family is None and isinstance(reached, Optimum):
+            family = Family.of(reached)
+        reached = _warm(problems[index], reached, family)
+        if index < last:
+            kept(index, reached)
     if isinstance(cold, Optimum) and (isinstance(reached, str) or _better(cold, reached)):
         for index in range(1, last):
             kept(index, _cold(problems[index]))
@@ -216,29 +220,16 @@ def _cold(problem: Problem) -> Optimum | str:
         return "infeasible" if error.explanation else "failed"
 
 
-def _warm(problem: Problem, neighbour: Optimum | str) -> Optimum | str:
-    """Return the optimum from a neighbour's, checked; from all starts where that does not pass."""
-    if isinstance(neighbour, str):
-        return _cold(problem)
+def _warm(problem: Problem, neighbour: Optimum | str, family: Family | None) -> Optimum | str:
+    """Return the optimum from a neighbour's, certified; from all starts where that does not pass."""
     values = parameter_values(problem)
-    if values.structure != neighbour.values.structure:
+    if family is None or isinstance(neighbour, str) or values.structure != family.structure:
         return _cold(problem)
-    solution = neighbour.solver.solve(neighbour.solution.x, values.vector, warm=neighbour.solution)
-    if not solution.success:
+    start = neighbour.solution if neighbour.formulation == family.formulation else None
+    attempts = family.attempts(values, start)
+    if not attempts:
         return _cold(problem)
-    program = neighbour.solver.program
-    cycle = OptimalCycle.of(program, solution, values)
-    resimulation, flown, _ = certify.resimulation_check(cycle, "quick")
-    limits = certify.limits_check(certify.limit_margins(cycle, flown))
-    checks = (certify.solver_check(solution), certify.kkt_check(program, solution), limits, resimulation)
-    found = replace(
-        neighbour,
-        problem=problem,
-        values=values,
-        solution=solution,
-        cycle=cycle,
-        certificate=Certificate("quick", checks),
-    )
+    found = certified(problem, attempts, "quick", family.formulation)
     return found if found.certificate.passed else _cold(problem)
 
 
