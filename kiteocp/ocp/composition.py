@@ -89,7 +89,7 @@ class Composition:
     """
 
     def __init__(self, x: Any, p: Any, f: Any, g: Any, blocks: Sequence[PointBlock] = ()) -> None:
-        self.x, self.p, self.f, self.g = x, p, f, g
+        self.x, self.p, self.f, self.g = x, p, ca.densify(f), ca.densify(g)
         kept = [block.needed_for(ca.vertcat(f, g)) for block in blocks]
         self.blocks = [block for block in kept if block.used]
         self.w = ca.vertcat(ca.SX(0, 1), *(block.symbols for block in self.blocks))
@@ -127,6 +127,12 @@ class Composition:
         """``(x, p) -> g, its sparse Jacobian to x``."""
         x, p = self._arguments
         return ca.Function("nlp_jac_g", [x, p], self._to_x.rows(x, p), ["x", "p"], ["g", "jac_g_x"])
+
+    @cached_property
+    def slopes(self) -> Any:
+        """``(x, p) -> f, its gradient, g, its sparse Jacobian to x``, which together cost little more than one."""
+        x, p = self._arguments
+        return ca.Function("nlp_slopes", [x, p], self._to_x.everything(x, p))
 
     @cached_property
     def hessian(self) -> Any:
@@ -237,6 +243,16 @@ class _Chain:
         jacobian = ca.jacobian(owner.g, self._u) + ca.jacobian(owner.g, owner.w) @ self._w_u
         arguments = [owner.x, owner.w, owner.p, *self._slope_symbols]
         return list(ca.Function("rows", arguments, [owner.g, jacobian]).call([x, w, p, *slopes]))
+
+    def everything(self, x: Any, p: Any) -> list[Any]:
+        """Return the objective, its gradient, the rows and their Jacobian."""
+        owner = self._owner
+        w, slopes = self._points(x, p)
+        both = ca.vertcat(owner.f, owner.g)
+        jacobian = ca.jacobian(both, self._u) + ca.jacobian(both, owner.w) @ self._w_u
+        arguments = [owner.x, owner.w, owner.p, *self._slope_symbols]
+        results = [owner.f, ca.densify(jacobian[0, :].T), owner.g, jacobian[1:, :]]
+        return list(ca.Function("everything", arguments, results).call([x, w, p, *slopes]))
 
     def hessian(self, x: Any, p: Any, lam_f: Any, lam_g: Any) -> Any:
         """Return the upper triangle of the Hessian of the Lagrangian."""

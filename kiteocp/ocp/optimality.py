@@ -9,6 +9,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from kiteocp.numerics.buffered import BufferedFunction
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.nlp import Label, NonlinearProgram
 from kiteocp.ocp.nlpsolver import Solution
@@ -72,12 +73,23 @@ class Optimality:
         gradient = ca.gradient(ca.dot(sides, finite), self.program.p)
         return ca.Function("bounds_gradient", [self.program.p, sides], [ca.densify(gradient)])
 
+    @cached_property
+    def _lagrangian_gradient(self) -> BufferedFunction:
+        return BufferedFunction(self.program.composition.lagrangian_gradient)
+
+    @cached_property
+    def _values(self) -> BufferedFunction:
+        return BufferedFunction(self.program.composition.values)
+
+    def objective(self, solution: Solution) -> float:
+        """Compute the objective from the variables of a solution."""
+        return float(self._values.call(solution.x, solution.p)[0][0])
+
     def residuals(self, solution: Solution) -> KktResiduals:
         """Scaled first-order residuals of a solution, nothing taken from the solver's own report."""
         lbx, ubx, lbg, ubg = self.program.numeric_bounds(solution.p)
-        composed = self.program.composition
-        gradient = composed.lagrangian_gradient(solution.x, solution.p, solution.lam_g)[0].full().ravel()
-        g = composed.values(solution.x, solution.p)[1].full().ravel()
+        gradient, _ = self._lagrangian_gradient.call(solution.x, solution.p, solution.lam_g)
+        _, g = self._values.call(solution.x, solution.p)
         value, multiplier = np.concatenate((solution.x, g)), np.concatenate((solution.lam_x, solution.lam_g))
         lower, upper = np.concatenate((lbx, lbg)), np.concatenate((ubx, ubg))
         scale = max(100.0, float(np.mean(np.abs(multiplier)))) / 100.0

@@ -104,7 +104,7 @@ def _point_function(problem: OptimalControlProblem, phase: Phase) -> Any:
         column_of(list(said.outputs.values())),
     ]
     require_known(f"the model of phase '{phase.name}'", outputs, inputs)
-    return ca.Function(f"point_{phase.name}", inputs, outputs, {"cse": True})
+    return ca.Function(f"point_{phase.name}", inputs, [ca.densify(part) for part in outputs], {"cse": True})
 
 
 def column_of(expressions: Sequence[Expression]) -> Any:

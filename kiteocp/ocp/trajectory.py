@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 from typing import Any
 
-import casadi as ca
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from kiteocp.numerics.buffered import BufferedFunction
 from kiteocp.ocp.collocation import FloatArray, PhaseMesh
 from kiteocp.ocp.declaration import Phase
 
@@ -211,7 +211,14 @@ def call_model(
         Derivatives, residuals, constraints and outputs, each of shape (number of them, m).
 
     """
-    # CasADi repeats the single columns of what is shared; converting them as often as there are points is slower.
-    columns: list[Any] = [*groups, (fractions * shared[0])[None, :], *shared]
-    results = function(*(ca.DM(column) for column in columns))
-    return [np.asarray(value.full(), dtype=np.float64) for value in results]
+    count = fractions.size
+    columns: list[Any] = [*(group.T.ravel() for group in groups), fractions * shared[0], *shared]
+    results = _at_points(function, count).call(*columns)
+    return [result.reshape(count, result.size // count).T.copy() for result in results]
+
+
+@lru_cache(maxsize=128)
+def _at_points(function: Any, count: int) -> BufferedFunction:
+    """Return (once built) a point function at so many points, which share duration, statics and parameters."""
+    shared = [function.n_in() - 3, function.n_in() - 2, function.n_in() - 1]
+    return BufferedFunction(function.map("points", "serial", count, shared, []))

@@ -116,8 +116,9 @@ def solver_check(solution: Solution, mesh: str | None = None) -> Check:
 
 def kkt_check(program: NonlinearProgram, solution: Solution) -> Check:
     """Recompute the first-order conditions, and the objective, from the numbers of the solution."""
-    kkt = optimality_of(program).residuals(solution)
-    misstated = abs(float(program.composition.values(solution.x, solution.p)[0]) - solution.f)
+    optimality = optimality_of(program)
+    kkt = optimality.residuals(solution)
+    misstated = abs(optimality.objective(solution) - solution.f)
     # The largest of numbers among which one is missing may be any of them.
     numbers = np.array([kkt.stationarity, kkt.primal_feasibility, kkt.complementarity, misstated])
     largest = float(np.max(numbers))
