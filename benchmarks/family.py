@@ -6,9 +6,9 @@ Three shipped kites in wind from calm to storm, and random draws of kites, tethe
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from kiteocp.errors import InputError
@@ -51,8 +51,7 @@ SOMETIMES = {
 }
 
 
-@dataclass(frozen=True)
-class Member:
+class Member(msgspec.Struct, frozen=True):
     """One problem of the family.
 
     Attributes

@@ -18,8 +18,9 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+
+import msgspec
 
 from benchmarks.keys import key_table
 from benchmarks.report import Report
@@ -48,8 +49,7 @@ _MASKS = (
 _PROGRESS = re.compile(r"^\d+ of \d+ (?:.*, about \d+ s left|.* (?:done|solved|drawn))\n", re.MULTILINE)
 
 
-@dataclass(frozen=True)
-class Example:
+class Example(msgspec.Struct, frozen=True):
     """One output shown in README.
 
     Attributes

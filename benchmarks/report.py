@@ -7,10 +7,12 @@ import json
 import os
 import platform
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+
+import msgspec
+from msgspec.structs import asdict
 
 from benchmarks.timing import Line
 
@@ -18,8 +20,7 @@ PACKAGES = ("kiteocp", "casadi", "numpy", "scipy", "matplotlib")
 _TIME_UNITS = ((1.0, "s"), (1e-3, "ms"), (1e-6, "us"), (1e-9, "ns"))
 
 
-@dataclass(frozen=True)
-class Report:
+class Report(msgspec.Struct, frozen=True):
     """Measured lines and the machine they were measured on."""
 
     machine: dict[str, Any]
@@ -44,7 +45,7 @@ class Report:
         """Return a report that `write` has written."""
         content = json.loads(path.read_text(encoding="utf-8"))
         lines = tuple(
-            Line(**{key: item[key] for key in Line.__dataclass_fields__} | {"values": tuple(item["values"])})
+            Line(**{key: item[key] for key in Line.__struct_fields__} | {"values": tuple(item["values"])})
             for item in content["lines"]
         )
         return cls(content["machine"], content["versions"], lines)

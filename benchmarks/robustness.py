@@ -14,11 +14,11 @@ import sys
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from msgspec.structs import asdict
 
 from benchmarks.family import WIND_KEY, Member, random_draws, wind_sweeps
 from benchmarks.robustness_outcome import SHORTFALL, Outcome, report, shortfall_of

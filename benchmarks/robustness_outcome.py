@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
+import msgspec
 import numpy as np
 
 from kiteocp.optimum.infeasibility import NOTHING
@@ -18,8 +18,7 @@ def shortfall_of(power_W: float, reference_W: float) -> float:
     return (reference_W - power_W) / max(abs(reference_W), 1.0)
 
 
-@dataclass
-class Outcome:
+class Outcome(msgspec.Struct):
     """What became of one problem.
 
     Attributes
@@ -49,7 +48,7 @@ class Outcome:
     name: str
     power_W: float | None = None
     reference_W: float | None = None
-    attempts: dict[str, float | None] = field(default_factory=dict)
+    attempts: dict[str, float | None] = msgspec.field(default_factory=dict)
     best_start: str | None = None
     time_s: float | None = None
     iterations: int | None = None
@@ -60,7 +59,7 @@ class Outcome:
     sentence: str | None = None
     failed_checks: list[str] | None = None
     mesh_error: float | None = None
-    quick_failed_checks: list[str] = field(default_factory=list)
+    quick_failed_checks: list[str] = msgspec.field(default_factory=list)
 
     @property
     def feasible(self) -> bool:

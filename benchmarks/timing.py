@@ -9,9 +9,10 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import cache, partial
 from statistics import median, quantiles
+
+import msgspec
 
 #: A repeat calls a fast function so many times that it lasts at least this long, s: far above the clock's resolution.
 REPEAT_TIME_S = 0.02
@@ -25,8 +26,7 @@ print(resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss)
 """
 
 
-@dataclass(frozen=True)
-class Line:
+class Line(msgspec.Struct, frozen=True):
     """One measured quantity.
 
     Attributes

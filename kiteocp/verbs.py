@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+
+import msgspec
 
 PICTURE_FORMATS: tuple[str, ...] = ("png", "svg", "pdf")
 
 
-@dataclass(frozen=True)
-class Verb:
+class Verb(msgspec.Struct, frozen=True):
     """A verb and the files beside its ``summary.json``.
 
     Attributes
@@ -25,7 +25,7 @@ class Verb:
 
     name: str
     files: tuple[str, ...] = ()
-    pictures: Mapping[str, str | None] = field(default_factory=dict)
+    pictures: Mapping[str, str | None] = msgspec.field(default_factory=dict)
 
     @property
     def patterns(self) -> tuple[str, ...]:

@@ -6,9 +6,10 @@ import hashlib
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import msgspec
 
 from kiteocp.errors import InputError
 
@@ -22,8 +23,7 @@ LONGEST = 80
 _TEXTS = {"name", "description"}
 
 
-@dataclass(frozen=True)
-class Place:
+class Place(msgspec.Struct, frozen=True):
     """A directory to write into.
 
     Attributes
@@ -38,8 +38,7 @@ class Place:
     replaced: str | None = None
 
 
-@dataclass(frozen=True)
-class Asked:
+class Asked(msgspec.Struct, frozen=True):
     """What a result is the answer to.
 
     Attributes

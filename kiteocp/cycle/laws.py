@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
 
 import casadi as ca
+import msgspec
 import numpy as np
 
 from kiteocp.cycle.motion import Motion, motion
@@ -32,8 +32,7 @@ STATE = ("time_s", "tether_length_m", "elevation_rad", "energy_J")
 TIME, LENGTH, ELEVATION, ENERGY = range(len(STATE))
 
 
-@dataclass(frozen=True)
-class PhaseEnd:
+class PhaseEnd(msgspec.Struct, frozen=True):
     """What ends a phase of the prescribed cycle: a component of the state reaches a number of the file.
 
     Attributes
@@ -106,8 +105,7 @@ def flown_in_order(
     return [flown[name] for name in names]
 
 
-@dataclass(frozen=True)
-class PhaseFunctions:
+class PhaseFunctions(msgspec.Struct, frozen=True):
     """CasADi functions of one phase under the prescribed law.
 
     ``rates(state, p)`` are the time derivatives of `STATE`; ``outputs(state, p)`` the quantities of `OUTPUTS`, stacked.

@@ -10,11 +10,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
 
 import casadi as ca
+import msgspec
 import numpy as np
 
 from kiteocp.cycle.phases import PhaseName, phases_of
@@ -28,8 +28,7 @@ from kiteocp.problem.limits import LimitRow
 Side = Literal["lower", "upper", "both"]
 
 
-@dataclass(frozen=True)
-class Measure:
+class Measure(msgspec.Struct, frozen=True):
     """How the number in the file becomes the bound of a quantity in SI units, symbolic or numeric, and back."""
 
     to_quantity: Callable[[Any], Any]
@@ -60,8 +59,7 @@ SCALES: Mapping[str, float] = {
 }
 
 
-@dataclass(frozen=True)
-class Limit:
+class Limit(msgspec.Struct, frozen=True):
     """A limit that holds in some phases: at every instant, or for the phase as a whole.
 
     Attributes

@@ -8,8 +8,9 @@ changes is the same for all.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
+
+import msgspec
 
 from kiteocp.cycle.phases import PhaseKind
 from kiteocp.physics import kinematics
@@ -21,8 +22,7 @@ from kiteocp.physics.model import FlightState, LocalConditions, Model, Position
 Equilibrium = Callable[[Model, Position, LocalConditions], FlightState]
 
 
-@dataclass(frozen=True)
-class Motion:
+class Motion(msgspec.Struct, frozen=True):
     """A flight state and where it leads.
 
     Attributes

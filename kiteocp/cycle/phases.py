@@ -6,9 +6,9 @@ A phase is a row here. Programs, laws, schedules and reports take the phases of 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
+import msgspec
 import numpy as np
 
 from kiteocp.errors import InputError
@@ -19,8 +19,7 @@ from kiteocp.physics.parameters import Structure
 PhaseName = Literal["retraction", "transition", "traction", "turn"]
 
 
-@dataclass(frozen=True)
-class PhaseKind:
+class PhaseKind(msgspec.Struct, frozen=True):
     """How the kite flies in a phase.
 
     Attributes
@@ -98,8 +97,7 @@ def pauses_after(names: Sequence[str], pause: Any) -> list[Any]:
     return [0.0 * pause if after == TURN.name else pause for after in (*names[1:], names[0])]
 
 
-@dataclass(frozen=True)
-class FlownPhase:
+class FlownPhase(msgspec.Struct, frozen=True):
     """States (time, tether length, elevation in rad, energy) at the steps of an integrator.
 
     Shape (n, 4); time and energy count from the start of the phase.

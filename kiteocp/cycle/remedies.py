@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Any
 
+import msgspec
 import numpy as np
+from msgspec.structs import asdict
 
 from kiteocp.cycle.laws import PHASE_ENDS, flown_in_order, phase_functions
 from kiteocp.cycle.phases import PHASES, PhaseName, phases_of
@@ -45,8 +46,7 @@ PHRASES = {
 }
 
 
-@dataclass(frozen=True)
-class Remedy:
+class Remedy(msgspec.Struct, frozen=True):
     """One number that, changed alone, makes the prescribed cycle fly.
 
     Attributes
@@ -65,8 +65,7 @@ class Remedy:
     relative_change: float
 
 
-@dataclass(frozen=True)
-class UnflownCycle:
+class UnflownCycle(msgspec.Struct, frozen=True):
     """Why a prescribed cycle cannot be flown, and what would make it fly.
 
     Attributes

@@ -10,12 +10,13 @@ setting, at fully powered and depowered.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import casadi as ca
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from kiteocp.cycle.laws import STATE
 from kiteocp.cycle.motion import at_force, motion
@@ -49,8 +50,7 @@ def commanded_range(quantity: str, values: Parameters | ParameterValues) -> tupl
     return unit * values[key.format("min")], unit * values[key.format("max")]
 
 
-@dataclass(frozen=True)
-class Schedule:
+class Schedule(msgspec.Struct, frozen=True):
     """Polynomials of time for one phase.
 
     Attributes
@@ -94,8 +94,7 @@ class Schedule:
         return np.asarray(values, dtype=np.float64)
 
 
-@dataclass(frozen=True)
-class ScheduleFunctions:
+class ScheduleFunctions(msgspec.Struct, frozen=True):
     """CasADi functions of a phase flown by a schedule; the parameters are the problem's and one piece's.
 
     ``rates(state, p and piece)``; ``outputs(tether length, elevation, scheduled quantities, p)``.

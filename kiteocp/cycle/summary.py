@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
 from typing import Any
 
 import casadi as ca
+import msgspec
 import numpy as np
 
 from kiteocp.cycle.phases import KINDS, PHASE_CHANGES, PhaseName, pauses_after
@@ -42,8 +42,7 @@ CHANNELS = (
 SAG_LIMIT = 0.3
 
 
-@dataclass(frozen=True)
-class PhaseRecord:
+class PhaseRecord(msgspec.Struct, frozen=True, dict=True):
     """One flown phase.
 
     Attributes
@@ -68,7 +67,7 @@ class PhaseRecord:
     outputs: np.ndarray
     energy_J: float
     electrical_energy_J: float
-    steered: Mapping[str, np.ndarray] = field(default_factory=dict)
+    steered: Mapping[str, np.ndarray] = msgspec.field(default_factory=dict)
 
     def output(self, name: str) -> np.ndarray:
         """Return one quantity of `OUTPUTS` at the samples, shape (n,)."""

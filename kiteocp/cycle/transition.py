@@ -6,10 +6,10 @@ the kinks they are smooth; who steps from kink to kink needs a tenth of the step
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
+import msgspec
 import numpy as np
 
 from kiteocp.cycle.laws import STATE
@@ -21,8 +21,7 @@ from kiteocp.physics.model import Model
 from kiteocp.physics.parameters import Structure, parameters_of
 
 
-@dataclass(frozen=True)
-class TransitionFunctions:
+class TransitionFunctions(msgspec.Struct, frozen=True):
     """CasADi functions of the transition.
 
     ``forces(state, p)``: radial ground forces (N) at rest (minus infinity where slack), lower and upper one;

@@ -8,12 +8,13 @@ converse does not hold: a weight that can be carried says nothing of the other l
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
 from functools import lru_cache
 from typing import Any
 
 import casadi as ca
+import msgspec
 import numpy as np
+from msgspec.structs import asdict
 
 from kiteocp.cycle.phases import RETRACTION
 from kiteocp.physics.equilibrium import weight_share_flying_up
@@ -39,8 +40,7 @@ FARTHEST, ACCURACY = 100.0, 1e-3
 REEL_IN = "limits.reel_in_speed_max_m_s"
 
 
-@dataclass(frozen=True)
-class UncarriedWeight:
+class UncarriedWeight(msgspec.Struct, frozen=True):
     """Why a kite is too heavy for its wind.
 
     Attributes

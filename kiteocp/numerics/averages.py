@@ -9,9 +9,9 @@ that gaps (and the other phases between two stretches of one phase) neither join
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import stdtrit
@@ -28,8 +28,7 @@ LARGEST_LOSS = 0.5
 CONFIDENCE = 0.95
 
 
-@dataclass(frozen=True)
-class Average:
+class Average(msgspec.Struct, frozen=True):
     """A mean with its confidence interval.
 
     Attributes

@@ -12,11 +12,11 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
 import casadi as ca
+import msgspec
 import numpy as np
 
 from kiteocp.numerics.buffered import BufferedFunction
@@ -32,8 +32,7 @@ SMALLEST_STEP = 1e-9
 CHECKED = (0.55, 0.75)
 
 
-@dataclass(frozen=True)
-class Branches:
+class Branches(msgspec.Struct, frozen=True):
     """Continuous rates that are smooth between kinks.
 
     Attributes
@@ -105,8 +104,7 @@ class IntegrationError(Exception):
         self.reason = reason
 
 
-@dataclass
-class Integrator:
+class Integrator(msgspec.Struct, dict=True):
     """Integrate one phase to a given value of one component.
 
     Attributes

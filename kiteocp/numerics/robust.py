@@ -13,9 +13,9 @@ series, whose variance of the sum takes its autocorrelation into account as in `
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
@@ -44,8 +44,7 @@ SMALLEST_CURVATURE = 0.1
 FIRST_ROUNDS, SECOND_ROUNDS, TOLERANCE, SMALLEST_SHARE = 3, 50, 1e-8, 1e-3
 
 
-@dataclass(frozen=True)
-class RobustFit:
+class RobustFit(msgspec.Struct, frozen=True):
     """Parameters with their uncertainty.
 
     Attributes

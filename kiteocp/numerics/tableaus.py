@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import msgspec
 
 
-@dataclass(frozen=True)
-class Tableau:
+class Tableau(msgspec.Struct, frozen=True):
     """An explicit Runge-Kutta method with embedded error estimates.
 
     Attributes

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,8 +14,7 @@ class ActiveSetError(Exception):
     """The first-order conditions on an active set have no regular solution near the start."""
 
 
-@dataclass(frozen=True)
-class ActiveSet:
+class ActiveSet(msgspec.Struct, frozen=True):
     """Which bounds are active: -1 lower, +1 upper, 0 none, for each variable and row; equalities count as 1.
 
     Attributes
@@ -36,8 +34,7 @@ class ActiveSet:
         return bool(np.array_equal(self.variables, other.variables) and np.array_equal(self.rows, other.rows))
 
 
-@dataclass(frozen=True)
-class PolishedSolution:
+class PolishedSolution(msgspec.Struct, frozen=True):
     """A solution of the first-order conditions on an active set, to rounding.
 
     Attributes
@@ -60,8 +57,7 @@ class PolishedSolution:
     nearer_lower: NDArray[np.bool_]
 
 
-@dataclass(frozen=True)
-class Derivatives:
+class Derivatives(msgspec.Struct, frozen=True):
     """Derivatives of a solution along directions of the parameters, on its active set; a column for each direction.
 
     Attributes

@@ -16,10 +16,10 @@ References
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache, cached_property
 from math import comb
 
+import msgspec
 import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import ArrayLike, NDArray
@@ -162,8 +162,7 @@ def slope_bounds_matrix(degree: int, first: bool) -> FloatArray:
     return _frozen(order * np.diff(np.linalg.inv(np.array(basis)), axis=0))
 
 
-@dataclass(frozen=True)
-class PhaseMesh:
+class PhaseMesh(msgspec.Struct, frozen=True, dict=True):
     """How one phase is divided: a polynomial degree and the share of each interval.
 
     Attributes

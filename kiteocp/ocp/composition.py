@@ -13,19 +13,18 @@ with the mesh. They are exact. The gradient of the objective has a reverse sweep
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import casadi as ca
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from kiteocp.ocp.point_model import PointModel
 
 
-@dataclass(frozen=True, eq=False)
-class PointBlock:
+class PointBlock(msgspec.Struct, frozen=True, eq=False):
     """The points of one phase.
 
     Attributes

@@ -9,9 +9,10 @@ the set of multipliers: where active bounds depend on each other it has more tha
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from kiteocp.ocp.active_set import ActiveSetMethod
 from kiteocp.ocp.active_solution import ActiveSetError, Derivatives, PolishedSolution
@@ -34,8 +35,7 @@ TRIALS = 40
 DEPENDENT = 1e-8
 
 
-@dataclass(frozen=True)
-class Reach:
+class Reach(msgspec.Struct, frozen=True):
     """How far a solution follows a direction on one active set.
 
     Attributes

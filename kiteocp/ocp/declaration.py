@@ -7,9 +7,9 @@ solvers. See `kiteocp.ocp.transcription` for the whole picture and an example.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 
 import casadi as ca
+import msgspec
 
 from kiteocp.ocp.entries import Expression, Link, PathConstraint, RateLimit, Residual, Static, Variable
 
@@ -29,8 +29,7 @@ __all__ = [
 ]
 
 
-@dataclass(frozen=True)
-class Point:
+class Point(msgspec.Struct, frozen=True):
     """The symbols a phase model is written in, at one instant.
 
     Attributes
@@ -52,8 +51,7 @@ class Point:
         return self.values[name]
 
 
-@dataclass(frozen=True)
-class PointExpressions:
+class PointExpressions(msgspec.Struct, frozen=True):
     """What a phase model answers: expressions of the `Point`, the statics and the parameters.
 
     Attributes
@@ -72,7 +70,7 @@ class PointExpressions:
     derivatives: Mapping[str, Expression]
     residuals: Sequence[Residual] = ()
     constraints: Sequence[PathConstraint] = ()
-    outputs: Mapping[str, Expression] = field(default_factory=dict)
+    outputs: Mapping[str, Expression] = msgspec.field(default_factory=dict)
 
 
 class Symbols(Mapping[str, Expression]):
@@ -194,8 +192,7 @@ class Phase:
                 )
 
 
-@dataclass(frozen=True, eq=False)
-class OptimalControlProblem:
+class OptimalControlProblem(msgspec.Struct, frozen=True, eq=False):
     """Phases, what links them, and what to minimise.
 
     Attributes
@@ -219,7 +216,7 @@ class OptimalControlProblem:
     objective: Expression
     links: Sequence[Link] = ()
     statics: Sequence[Static] = ()
-    parameters: Expression = field(default_factory=lambda: ca.SX(0, 1))
+    parameters: Expression = msgspec.field(default_factory=lambda: ca.SX(0, 1))
     objective_unit: float = 1.0
 
     def __post_init__(self) -> None:

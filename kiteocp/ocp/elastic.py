@@ -16,11 +16,12 @@ optimum they were not needed.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from typing import Any
 
 import casadi as ca
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import ArrayLike
 
 from kiteocp.ocp.collocation import FloatArray
@@ -41,8 +42,7 @@ VANISHED = 1e-6
 ELASTIC_IPOPT_OPTIONS: Mapping[str, Any] = {"tol": 1e-6, "max_iter": 200}
 
 
-@dataclass(frozen=True)
-class ElasticSlack:
+class ElasticSlack(msgspec.Struct, frozen=True):
     """One slack and the parameters it moves.
 
     Attributes
@@ -57,8 +57,7 @@ class ElasticSlack:
     parameters: tuple[int, ...]
 
 
-@dataclass(frozen=True)
-class PenaltyWeight:
+class PenaltyWeight(msgspec.Struct, frozen=True):
     """What a term costs and how far it goes.
 
     Attributes
@@ -76,8 +75,7 @@ class PenaltyWeight:
     weight: float = 1.0
 
 
-@dataclass(frozen=True)
-class ElasticSolution:
+class ElasticSolution(msgspec.Struct, frozen=True):
     """The cheapest move found from one start.
 
     Attributes
@@ -255,8 +253,7 @@ def _affects_feasibility(program: NonlinearProgram, term: ElasticSlack) -> bool:
     return bool(ca.depends_on(ca.veccat(program.g, *program.bounds(program.p)), symbols))
 
 
-@dataclass(frozen=True)
-class _Origin:
+class _Origin(msgspec.Struct, frozen=True):
     """What a row of the elastic program is made of: a row or a variable of the program, times a sign."""
 
     label: Label

@@ -7,10 +7,10 @@ together in `kiteocp.ocp.declaration`.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
+import msgspec
 
 Expression = Any
 """A number or a scalar ``casadi.SX`` expression (CasADi carries no types)."""
@@ -29,8 +29,7 @@ def _require_bounds(owner: str, lower: Expression, upper: Expression) -> None:
         raise ValueError(f"{owner}: lower bound {float(low)} must not exceed upper bound {float(high)}")
 
 
-@dataclass(frozen=True)
-class Variable:
+class Variable(msgspec.Struct, frozen=True):
     """A scalar unknown of the problem.
 
     Attributes
@@ -59,19 +58,18 @@ class Variable:
         _require_bounds(f"variable '{self.name}'", self.lower, self.upper)
 
 
-@dataclass(frozen=True)
-class Static(Variable):
+class Static(Variable, frozen=True, eq=False):
     """A decision shared by all phases; use `symbol` in models, links and the objective."""
 
-    symbol: Expression = field(init=False, compare=False, repr=False)
+    symbol: Expression = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        object.__setattr__(self, "symbol", ca.SX.sym(self.name))
+        if self.symbol is None:
+            msgspec.structs.force_setattr(self, "symbol", ca.SX.sym(self.name))
 
 
-@dataclass(frozen=True)
-class Residual:
+class Residual(msgspec.Struct, frozen=True):
     """An algebraic equation ``expression == 0``; its row in the program is expression / scale."""
 
     name: str
@@ -82,8 +80,7 @@ class Residual:
         _require_scale(f"residual '{self.name}'", self.scale)
 
 
-@dataclass(frozen=True)
-class PathConstraint:
+class PathConstraint(msgspec.Struct, frozen=True):
     """``lower <= expression <= upper`` at every collocation point; bounds as for `Variable`."""
 
     name: str
@@ -97,8 +94,7 @@ class PathConstraint:
         _require_bounds(f"constraint '{self.name}'", self.lower, self.upper)
 
 
-@dataclass(frozen=True)
-class RateLimit:
+class RateLimit(msgspec.Struct, frozen=True):
     """Bounds on the slope of a quantity in time, anywhere in a phase.
 
     What is bounded is the slope of the continuous curve through the values at the collocation points
@@ -129,8 +125,7 @@ class RateLimit:
         _require_bounds(f"rate limit '{self.name}'", self.lower, self.upper)
 
 
-@dataclass(frozen=True)
-class Link:
+class Link(msgspec.Struct, frozen=True):
     """``lower <= expression <= upper`` over phase ends, durations, integrals, statics; by default ``== 0``."""
 
     name: str

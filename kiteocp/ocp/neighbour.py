@@ -23,12 +23,13 @@ from __future__ import annotations
 import contextlib
 import copy
 import time
-from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
 import casadi as ca
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import ArrayLike, NDArray
 
 from kiteocp.execution import leave_if_interrupted
@@ -57,8 +58,7 @@ ACTIVE_WEIGHT = 10.0
 LEAST_CURVATURE = 1e-6
 
 
-@dataclass(frozen=True)
-class _Iterate:
+class _Iterate(msgspec.Struct, frozen=True):
     """A point with its multipliers: x, and of variables and rows, inequalities first estimated by the last step."""
 
     x: FloatArray

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
+import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -25,8 +25,7 @@ from kiteocp.ocp.trajectory import (
 IndexArray = NDArray[np.intp]
 
 
-@dataclass(frozen=True)
-class Label:
+class Label(msgspec.Struct, frozen=True):
     """What a variable or a constraint row of the program is.
 
     Attributes
@@ -58,8 +57,7 @@ class Label:
         return f"{self.kind} {self.name if self.phase is None else f'{self.phase}.{self.name}'}{place}"
 
 
-@dataclass(frozen=True)
-class PhaseLayout:
+class PhaseLayout(msgspec.Struct, frozen=True):
     """Where the variables of a phase are in x; each array has one row per variable, one column per point."""
 
     duration: int
@@ -68,8 +66,7 @@ class PhaseLayout:
     controls: IndexArray
 
 
-@dataclass(frozen=True, eq=False)
-class NonlinearProgram:
+class NonlinearProgram(msgspec.Struct, frozen=True, eq=False):
     """Minimise f(x, p) subject to lbx <= x <= ubx and lbg <= g(x, p) <= ubg.
 
     Attributes

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import casadi as ca
+import msgspec
 import numpy as np
 
 from kiteocp.numerics.buffered import BufferedFunction
@@ -15,8 +15,7 @@ from kiteocp.ocp.nlp import Label, NonlinearProgram
 from kiteocp.ocp.nlpsolver import Solution
 
 
-@dataclass(frozen=True)
-class KktResiduals:
+class KktResiduals(msgspec.Struct, frozen=True):
     """How far a point is from satisfying the first-order conditions, in the scaled units of the program.
 
     Attributes

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import lru_cache, partial
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -18,8 +18,7 @@ Profile = float | ArrayLike | Callable[[FloatArray], ArrayLike]
 """A constant, an array at the mesh points, or a function of the fraction of the phase (0 to 1, array in and out)."""
 
 
-@dataclass(frozen=True)
-class PhaseGuess:
+class PhaseGuess(msgspec.Struct, frozen=True):
     """Start values of one phase.
 
     Attributes
@@ -36,16 +35,14 @@ class PhaseGuess:
     values: Mapping[str, Profile]
 
 
-@dataclass(frozen=True)
-class Guess:
+class Guess(msgspec.Struct, frozen=True):
     """Start values of a whole problem: every phase and every static, by name."""
 
     phases: Mapping[str, PhaseGuess]
     statics: Mapping[str, float]
 
 
-@dataclass(frozen=True)
-class PhaseTrajectory:
+class PhaseTrajectory(msgspec.Struct, frozen=True):
     """One phase of a solution.
 
     Attributes
@@ -166,8 +163,7 @@ class PhaseTrajectory:
         return np.asarray(matrix(fractions) @ self.values[name], dtype=np.float64)
 
 
-@dataclass(frozen=True)
-class Trajectory:
+class Trajectory(msgspec.Struct, frozen=True):
     """All phases and statics of a solution, by name."""
 
     phases: Mapping[str, PhaseTrajectory]

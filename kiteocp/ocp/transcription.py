@@ -44,10 +44,10 @@ controls and outputs. Bounds may be expressions of the parameters.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any
 
 import casadi as ca
+import msgspec
 import numpy as np
 
 from kiteocp.ocp.collocation import PhaseMesh, differentiation_matrix, slope_bounds_matrix
@@ -66,13 +66,12 @@ from kiteocp.ocp.nlp import Label, NonlinearProgram, PhaseLayout
 from kiteocp.ocp.point_model import PointModel, column_of, point_model, require_known
 
 
-@dataclass
-class _Entries:
+class _Entries(msgspec.Struct):
     """Variables or constraint rows under construction: columns of expressions, bounds and labels grow together."""
 
-    columns: list[Any] = field(default_factory=list)
-    bounds: list[tuple[Expression, Expression]] = field(default_factory=list)
-    labels: list[Label] = field(default_factory=list)
+    columns: list[Any] = msgspec.field(default_factory=list)
+    bounds: list[tuple[Expression, Expression]] = msgspec.field(default_factory=list)
+    labels: list[Label] = msgspec.field(default_factory=list)
 
     def new_variables(self, declared: Sequence[Variable], labels: Sequence[Label]) -> Any:
         """Add variables, the same ones again and again where there are more labels; return them in physical units.

@@ -8,11 +8,11 @@ The checks of the solution of the program are here, those of the cycle it stands
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from types import MappingProxyType
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from kiteocp.ocp.nlp import NonlinearProgram
@@ -62,8 +62,7 @@ MESH_TOLERANCE = 1e-4
 SAME_OPTIMUM = 1e-4
 
 
-@dataclass(frozen=True)
-class Certificate:
+class Certificate(msgspec.Struct, frozen=True):
     """All checks of one optimum."""
 
     level: Level

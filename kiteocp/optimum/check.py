@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Literal
+
+import msgspec
 
 #: ``quick`` judges a solution on its own mesh; ``full`` has also solved a refinement of the mesh and compared; ``none``
 #: has only recomputed the first-order conditions and the objective, and certifies nothing.
 Level = Literal["quick", "full", "none"]
 
 
-@dataclass(frozen=True)
-class Check:
+class Check(msgspec.Struct, frozen=True):
     """One claim and how it came out.
 
     Attributes
@@ -34,4 +34,4 @@ class Check:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the check as plain values for the summary."""
-        return dict(self.__dict__)
+        return msgspec.structs.asdict(self)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from kiteocp.cycle.objective import POWERS, energy, mean_power
@@ -37,8 +37,7 @@ COMPARISON_SCALES = {"reeling_speed": 10.0, "tangential_speed": 10.0, "tether_fo
 QUICK_ALLOWANCE = 4.0
 
 
-@dataclass(frozen=True)
-class LimitMargin:
+class LimitMargin(msgspec.Struct, frozen=True):
     """The point where a cycle comes nearest to a limit, or exceeds it most.
 
     Attributes

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
 from typing import Any
+
+import msgspec
+from msgspec.structs import asdict
 
 from kiteocp.cycle.phases import KINDS
 from kiteocp.ocp.trajectory import Trajectory
@@ -18,8 +20,7 @@ from kiteocp.report.words import listed, rounded
 NAMED, ALTERNATIVES = 4, 3
 
 
-@dataclass(frozen=True)
-class Conflict:
+class Conflict(msgspec.Struct, frozen=True):
     """One limit of a smallest set that cannot hold together.
 
     Attributes
@@ -52,8 +53,7 @@ class Conflict:
         return self.needed is not None
 
 
-@dataclass(frozen=True)
-class Infeasibility:
+class Infeasibility(msgspec.Struct, frozen=True):
     """Why no cycle was found.
 
     Attributes
@@ -81,10 +81,10 @@ class Infeasibility:
     conflict: tuple[Conflict, ...]
     wind_factor: float | None = None
     wind_needed_m_s: float | None = None
-    relaxation: Mapping[str, float] = field(default_factory=dict)
+    relaxation: Mapping[str, float] = msgspec.field(default_factory=dict)
     elastic_sum: float | None = None
     starts: int = 0
-    start: Trajectory | None = field(default=None, repr=False, compare=False)
+    start: Trajectory | None = None
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain values for the summary."""

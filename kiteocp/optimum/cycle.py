@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from kiteocp.cycle.limits import Limit, limits_of
@@ -31,8 +31,7 @@ SAMPLES = 121
 SAMPLES_OF_AN_INTERVAL = 20
 
 
-@dataclass(frozen=True)
-class OptimalCycle:
+class OptimalCycle(msgspec.Struct, frozen=True, dict=True):
     """A solution of the cycle problem in the words of the cycle.
 
     Attributes

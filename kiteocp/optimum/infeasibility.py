@@ -8,10 +8,11 @@ one. The wind speed may move as well, at a large weight, so that the program alw
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
 from typing import Any
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.elastic import ElasticSolution
@@ -63,8 +64,7 @@ def explain(values: ParameterValues, formulation: Formulation) -> Infeasibility:
     return _Search(values, formulation).answer()
 
 
-@dataclass
-class _Repair:
+class _Repair(msgspec.Struct):
     """The cheapest relaxation found with some terms, and whether these alone sufficed."""
 
     found: ElasticSolution

@@ -22,8 +22,8 @@ References
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 from numpy.polynomial import legendre
 
@@ -52,8 +52,7 @@ MOST_PARTS = 4
 KINK_COST = 0.1
 
 
-@dataclass(frozen=True)
-class IntervalErrors:
+class IntervalErrors(msgspec.Struct, frozen=True):
     """What the intervals of one phase may contribute to the error of the power, as shares of it, shapes (intervals,).
 
     Attributes
@@ -111,8 +110,7 @@ def interval_errors(program: NonlinearProgram, solution: Solution, cycle: Optima
     return found
 
 
-@dataclass(frozen=True)
-class _Samples:
+class _Samples(msgspec.Struct, frozen=True):
     """A phase between its collocation points: places on the polynomials of the solution, interval by interval.
 
     Attributes

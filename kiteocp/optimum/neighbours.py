@@ -8,9 +8,9 @@ what that does not reach from all starts, as `kiteocp.optimum.refine.optimise` d
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
+import msgspec
 import numpy as np
 
 from kiteocp.execution import one_at_a_time
@@ -32,8 +32,7 @@ RIVAL = 0.05
 MOST_OPTIMA = 3
 
 
-@dataclass(frozen=True, eq=False)
-class Family:
+class Family(msgspec.Struct, frozen=True, eq=False, dict=True):
     """Problems that share a program, around the local optima of one of them.
 
     Attributes

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
+
+import msgspec
+from msgspec.structs import replace
 
 from kiteocp.cycle.limits import SCALES, rarely_active
 from kiteocp.cycle.objective import POWERS
@@ -39,8 +41,7 @@ from kiteocp.problem import Problem
 SPEED_JUMP = "speed jump"
 
 
-@dataclass(frozen=True)
-class Formulation:
+class Formulation(msgspec.Struct, frozen=True):
     """What beside the structure of the problem shapes the program: the choices of its ``optimisation`` block.
 
     Attributes

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
 from typing import Any, get_args
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from kiteocp.errors import SolveError, check_word
 from kiteocp.execution import one_at_a_time
@@ -53,8 +54,7 @@ ADAPTING_STEPS = 3
 UNFLYABLE = 2
 
 
-@dataclass(frozen=True)
-class MeshSolution:
+class MeshSolution(msgspec.Struct, frozen=True):
     """The best cycle on one mesh.
 
     Attributes
@@ -129,8 +129,7 @@ class MeshSolution:
         return MeshSolution(formulation, solver, solution, halved) if solution.success else None
 
 
-@dataclass(frozen=True)
-class Optimum:
+class Optimum(msgspec.Struct, frozen=True):
     """An optimal cycle with all that is known about it.
 
     Attributes

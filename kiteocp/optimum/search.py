@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
+
+import msgspec
 
 from kiteocp.errors import InfeasibleError, SolveError
 from kiteocp.ocp.nlpsolver import Solution, Solver
@@ -18,8 +19,7 @@ from kiteocp.problem import Problem
 NEARLY_FEASIBLE = 0.02
 
 
-@dataclass(frozen=True)
-class Attempt:
+class Attempt(msgspec.Struct, frozen=True):
     """A solution from one start.
 
     Attributes

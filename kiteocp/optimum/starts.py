@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+import msgspec
 import numpy as np
 
 from kiteocp.ocp.nlp import NonlinearProgram
@@ -13,8 +12,7 @@ from kiteocp.physics.aerodynamics import total_drag_coefficient
 from kiteocp.physics.parameters import ParameterValues
 
 
-@dataclass(frozen=True)
-class Start:
+class Start(msgspec.Struct, frozen=True):
     """A crude cycle of straight lines.
 
     Attributes

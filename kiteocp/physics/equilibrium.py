@@ -8,11 +8,11 @@ Two special cases have a form of their own, used where speed counts: with the fo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import casadi as ca
+import msgspec
 import numpy as np
 
 from kiteocp.physics.kinematics import Course, radians
@@ -27,8 +27,7 @@ NEWTON_STEPS = 8
 POSITION_ARGUMENTS = ("tether_length_m", "elevation_deg", "azimuth_deg", "course_deg", "lift_coefficient", "kite_drag")
 
 
-@dataclass(frozen=True)
-class ExplicitEquilibrium:
+class ExplicitEquilibrium(msgspec.Struct, frozen=True):
     """Closed form of a force-controlled state: the inflow angle, and what must be positive for it to exist."""
 
     inflow_angle: Any
@@ -142,8 +141,7 @@ def paper_iteration(
     return kappa
 
 
-@dataclass(frozen=True)
-class EquilibriumFunctions:
+class EquilibriumFunctions(msgspec.Struct, frozen=True):
     """CasADi functions of one structure with a state's control (force or speed) given.
 
     ``residual(angle, p, position..., control)``, ``solve(guess, p, position..., control)`` with `casadi.rootfinder`,

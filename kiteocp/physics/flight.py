@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from typing import Any, Literal, get_args
 
+import msgspec
 import numpy as np
 
 from kiteocp.errors import InputError, NoEquilibriumError, check_word
@@ -41,8 +41,7 @@ OUTPUT_UNITS: Mapping[str, str] = {
 SCAN_POINTS = 200
 
 
-@dataclass(frozen=True)
-class OperatingPoint:
+class OperatingPoint(msgspec.Struct, frozen=True):
     """A place, a course and a setting of the kite, in the units of the problem file.
 
     Attributes
@@ -164,7 +163,7 @@ def solve_state(values: ParameterValues, place: OperatingPoint, control: str, va
     """
     functions = equilibrium_functions(values.structure, control)
     arguments = np.concatenate([values.vector, place.vector(), [value]])
-    facts = {**place.__dict__, _named(control): value}
+    facts = {**msgspec.structs.asdict(place), _named(control): value}
     limit_low, limit_high = _domain(functions, arguments, control, place, facts)
     angles, residuals = _scan(functions, arguments, limit_low, limit_high)
     falls = _falls(residuals)

@@ -6,15 +6,14 @@ elevation. A course is given by its cosine and sine, so that straight up and str
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
+import msgspec
 import numpy as np
 
 
-@dataclass(frozen=True)
-class Course:
+class Course(msgspec.Struct, frozen=True):
     """Course of the kite in the tangential plane: 0 straight down, pi/2 towards positive azimuth, pi straight up."""
 
     cosine: Any
@@ -30,8 +29,7 @@ UP = Course(-1.0, 0.0)
 DOWN = Course(1.0, 0.0)
 
 
-@dataclass(frozen=True)
-class WindComponents:
+class WindComponents(msgspec.Struct, frozen=True):
     """Wind at the kite: along the tether, along the course and across the course (eq:a_trigcoeff, eq:b_trigcoeff)."""
 
     radial: Any

@@ -8,10 +8,10 @@ the force follows from the angle.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
+import msgspec
 
 from kiteocp.physics import aerodynamics, atmosphere, kinematics, machine, tether
 from kiteocp.physics.kinematics import Course
@@ -19,16 +19,14 @@ from kiteocp.physics.parameters import Parameters
 from kiteocp.physics.wind import profile_of
 
 
-@dataclass(frozen=True)
-class Coefficients:
+class Coefficients(msgspec.Struct, frozen=True):
     """Aerodynamic coefficients of the kite without the tether."""
 
     lift: Any
     kite_drag: Any
 
 
-@dataclass(frozen=True)
-class Position:
+class Position(msgspec.Struct, frozen=True):
     """Where the kite is and where it heads: tether length in m, angles in rad."""
 
     tether_length: Any
@@ -37,8 +35,7 @@ class Position:
     course: Course
 
 
-@dataclass(frozen=True)
-class LocalConditions:
+class LocalConditions(msgspec.Struct, frozen=True):
     """All of a flight state that does not depend on speed or force."""
 
     height: Any
@@ -65,8 +62,7 @@ class LocalConditions:
         return self.wind.across_course
 
 
-@dataclass(frozen=True)
-class FlightState:
+class FlightState(msgspec.Struct, frozen=True):
     """A quasi-steady flight state, in SI units; ``residual`` is zero at equilibrium."""
 
     conditions: LocalConditions

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import casadi as ca
+import msgspec
 import numpy as np
 
 from kiteocp.problem import Problem
@@ -27,8 +27,7 @@ def _leaves(prefix: str, value: Any) -> Iterator[tuple[str, Any]]:
         yield prefix, value
 
 
-@dataclass(frozen=True)
-class Structure:
+class Structure(msgspec.Struct, frozen=True):
     """What of a problem decides the shape of its expressions: which numbers it has, and its choices.
 
     Problems of one structure share all symbolic functions and differ only in the parameter vector.
@@ -49,8 +48,7 @@ class Structure:
         return dict(self.choices)[key]
 
 
-@dataclass(frozen=True)
-class ParameterValues:
+class ParameterValues(msgspec.Struct, frozen=True):
     """The structure of a problem and the values of its parameter vector, in the units of the file."""
 
     structure: Structure

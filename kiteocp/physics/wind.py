@@ -7,11 +7,11 @@ speeds, so that a wind times a factor is the same profile.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import casadi as ca
+import msgspec
 
 from kiteocp.physics.atmosphere import logarithmic_wind_speed, power_law_wind_speed, tabulated_wind_speed
 from kiteocp.physics.parameters import Parameters, ParameterValues, Structure, parameters_of
@@ -30,8 +30,7 @@ STANDARD_HEIGHT_M = 10.0
 Numbers = Parameters | ParameterValues
 
 
-@dataclass(frozen=True)
-class WindProfile:
+class WindProfile(msgspec.Struct, frozen=True):
     """A kind of wind profile.
 
     Attributes

@@ -7,7 +7,6 @@ overrides ask this catalogue.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, Literal
 
@@ -23,8 +22,7 @@ Kind = Literal["section", "variants", "mapping", "number", "integer", "text", "l
 MISSING: Any = msgspec.NODEFAULT
 
 
-@dataclass(frozen=True)
-class Key:
+class Key(msgspec.Struct, frozen=True):
     """One key of the problem file.
 
     Attributes
@@ -59,17 +57,17 @@ class Key:
     meaning: str = ""
     unit: str = ""
     required: bool = True
-    default: Any = MISSING
+    default: Any = msgspec.field(default_factory=lambda: MISSING)
     derived: str | None = None
     nullable: bool = False
-    bounds: Mapping[str, float] = field(default_factory=dict)
+    bounds: Mapping[str, float] = msgspec.field(default_factory=dict)
     choices: tuple[str, ...] = ()
     pattern: str | None = None
     max_length: int | None = None
     min_length: int | None = None
-    children: Mapping[str, Key] = field(default_factory=dict)
+    children: Mapping[str, Key] = msgspec.field(default_factory=dict)
     tag_field: str = ""
-    variants: Mapping[str, Key] = field(default_factory=dict)
+    variants: Mapping[str, Key] = msgspec.field(default_factory=dict)
     entry: Key | None = None
     limit: LimitRow | None = None
     example: Any = None

@@ -7,9 +7,9 @@ winch laws, pictures (`kiteocp.cycle.limits` has the evaluator). A new limit is 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
+import msgspec
 from msgspec import Meta, Struct
 
 from kiteocp.problem.fields import ForcePlace, quantity, text
@@ -21,8 +21,7 @@ Measure = Literal["same", "opposite", "magnitude", "tangent"]
 PHASES = ("retraction", "transition", "traction", "turn")
 
 
-@dataclass(frozen=True)
-class LimitRow:
+class LimitRow(msgspec.Struct, frozen=True):
     """What a key of ``limits`` bounds. Its name says from which side: ``_min`` or ``_max``.
 
     Attributes
@@ -67,7 +66,7 @@ class LimitRow:
     level: str | None = None
 
 
-_ROW_FIELDS = frozenset(LimitRow.__dataclass_fields__)
+_ROW_FIELDS = frozenset(LimitRow.__struct_fields__)
 
 
 def limit(unit: str, meaning: str, of: str | None, *, derived: str | None = None, **row_and_bounds: Any) -> Meta:

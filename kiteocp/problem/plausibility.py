@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import msgspec
@@ -24,8 +23,7 @@ FLAT_AREA_M2 = {"v3": 25.0, "v9": 60.0}
 _AREA = re.compile(r"(?<![\d.])(\d+(?:\.\d+)?)\s*(?:m2|m\u00b2|m\^2|sqm|square met)", re.IGNORECASE)
 
 
-@dataclass(frozen=True)
-class Check:
+class Check(msgspec.Struct, frozen=True):
     """The plausible range of a number, or of the number over the projected area, and the slip outside of it."""
 
     key: str

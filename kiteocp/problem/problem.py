@@ -7,10 +7,10 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
 from typing import Any, NoReturn
 
 import msgspec
+from msgspec.structs import replace
 
 from kiteocp.errors import InputError
 from kiteocp.problem.checking import Fail, checked, failing
@@ -23,8 +23,7 @@ from kiteocp.problem.shipped import problem_path, shipped_problems
 from kiteocp.problem.uncertain_keys import lost_keys
 
 
-@dataclass(frozen=True)
-class Origin:
+class Origin(msgspec.Struct, frozen=True):
     """Where a problem came from, kept so that values can be set anew and derived defaults follow.
 
     Attributes
@@ -46,7 +45,7 @@ class Origin:
     label: str
     source: bytes
     values: Mapping[str, Any]
-    lines: Mapping[str, int] = field(default_factory=dict)
+    lines: Mapping[str, int] = msgspec.field(default_factory=dict)
     set_keys: frozenset[str] = frozenset()
     sha256: str | None = None
 

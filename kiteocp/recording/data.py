@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
 #: Phases in the order of a cycle. "turn" is the way from reel-out to reel-in; the model has no phase for it.
@@ -16,8 +17,7 @@ FLIGHT_PHASES = ("retraction", "transition", "traction", "turn")
 GROUND_HEIGHT_M = 2.0
 
 
-@dataclass(frozen=True, eq=False)
-class MeasuredWind:
+class MeasuredWind(msgspec.Struct, frozen=True, eq=False):
     """Wind measured at several heights beside a flight, as by a lidar; nan stands for a missing value.
 
     Attributes
@@ -39,8 +39,7 @@ class MeasuredWind:
         return MeasuredWind(self.heights_m, self.speed_m_s[keep], self.direction_deg[keep])
 
 
-@dataclass(frozen=True, eq=False)
-class FlightData:
+class FlightData(msgspec.Struct, frozen=True, eq=False):
     """Samples of a flight, in order of time; every array has the same length n, nan stands for a missing value.
 
     Attributes
@@ -108,7 +107,7 @@ class FlightData:
     power_setting: NDArray[np.float64]
     name: str = "flight"
     downwind_bearing_deg: float = 0.0
-    counts: Mapping[str, int] = field(default_factory=dict)
+    counts: Mapping[str, int] = msgspec.field(default_factory=dict)
     wind_at_height: MeasuredWind | None = None
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
@@ -124,7 +123,7 @@ class FlightData:
 
     def arrays(self) -> dict[str, NDArray[Any]]:
         """Return every array by its name, in the order of declaration."""
-        return {item.name: getattr(self, item.name) for item in fields(self) if item.name not in _SCALARS}
+        return {name: getattr(self, name) for name in self.__struct_fields__ if name not in _SCALARS}
 
     def cycles(self) -> tuple[int, ...]:
         """Return the numbers of the cycles, in ascending order, without the samples that belong to none."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+import msgspec
 import numpy as np
 
 from kiteocp.recording.cleaning import FloatArray
@@ -18,8 +17,7 @@ CORRELATED, FACTORS_OF_AGREEMENT = 0.7, (0.75, 1.33)
 MOVING_M_S, WORKING_W, FEWEST = 0.3, 50.0, 50
 
 
-@dataclass(frozen=True)
-class Likeness:
+class Likeness(msgspec.Struct, frozen=True):
     """How one record of a quantity follows from another: correlation, and factor of the first on the second."""
 
     correlation: float

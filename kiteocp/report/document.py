@@ -5,8 +5,9 @@ from __future__ import annotations
 import base64
 import textwrap
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 from html import escape
+
+import msgspec
 
 from kiteocp._version import __version__
 from kiteocp.report.style import STYLE
@@ -16,54 +17,48 @@ from kiteocp.report.table import Table, class_of
 WIDTH = 118
 
 
-@dataclass(frozen=True)
-class Heading:
+class Heading(msgspec.Struct, frozen=True):
     """What follows is about this; level 2 is a section of the page, 3 a part of one."""
 
     text: str
     level: int = 2
-    detail: bool = field(default=False, kw_only=True)
+    detail: bool = False
 
 
-@dataclass(frozen=True)
-class Paragraph:
+class Paragraph(msgspec.Struct, frozen=True):
     """A sentence or several; in small type where it is a note."""
 
     words: str
     small: bool = False
-    detail: bool = field(default=False, kw_only=True)
+    detail: bool = False
 
 
-@dataclass(frozen=True)
-class Bullets:
+class Bullets(msgspec.Struct, frozen=True):
     """A list of sentences."""
 
     items: Sequence[str]
-    detail: bool = field(default=False, kw_only=True)
+    detail: bool = False
 
 
-@dataclass(frozen=True)
-class Lines:
+class Lines(msgspec.Struct, frozen=True):
     """Lines that stand as they are, however long; `joined` to what is above without an empty line."""
 
     items: Sequence[str]
-    joined: bool = field(default=False, kw_only=True)
-    detail: bool = field(default=False, kw_only=True)
+    joined: bool = False
+    detail: bool = False
 
 
 Part = Heading | Paragraph | Bullets | Lines | Table
 
 
-@dataclass(frozen=True)
-class Figure:
+class Figure(msgspec.Struct, frozen=True):
     """A figure that a study has: what its file is called, without suffix, and what it shows."""
 
     stem: str
     caption: str = ""
 
 
-@dataclass(frozen=True)
-class Picture:
+class Picture(msgspec.Struct, frozen=True):
     """A figure as drawn: media type and content."""
 
     figure: Figure
@@ -71,8 +66,7 @@ class Picture:
     content: bytes
 
 
-@dataclass(frozen=True)
-class Document:
+class Document(msgspec.Struct, frozen=True):
     """What a study says, in order.
 
     Attributes

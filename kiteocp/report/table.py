@@ -6,8 +6,9 @@ import csv
 import io
 import math
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass, field
 from html import escape
+
+import msgspec
 
 Cell = float | str | None
 
@@ -15,8 +16,7 @@ Cell = float | str | None
 _GAP = "  "
 
 
-@dataclass(frozen=True)
-class Column:
+class Column(msgspec.Struct, frozen=True):
     """What a column holds and how its numbers are written.
 
     Attributes
@@ -55,7 +55,7 @@ class Column:
     group: str = ""
     key: str = ""
     shown: bool = True
-    detail: bool = field(default=False, kw_only=True)
+    detail: bool = False
 
     def text(self, cell: Cell) -> str:
         """Return a cell as a person reads it; a text as it stands."""
@@ -71,8 +71,7 @@ class Column:
         return f"{self.title} ({self.unit})" if self.unit else self.title
 
 
-@dataclass(frozen=True)
-class Table:
+class Table(msgspec.Struct, frozen=True):
     """Rows under columns.
 
     Attributes
@@ -93,7 +92,7 @@ class Table:
     rows: Sequence[Sequence[Cell]]
     rules: Collection[int] = ()
     classes: Sequence[str] = ()
-    detail: bool = field(default=False, kw_only=True)
+    detail: bool = False
 
     def texts(self) -> list[list[str]]:
         """Return the cells of every row as a person reads them."""

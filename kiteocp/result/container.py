@@ -5,11 +5,11 @@ from __future__ import annotations
 import platform
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -22,8 +22,7 @@ from kiteocp.result.storage import save_result
 from kiteocp.result.table import result_document
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class Result:
+class Result(msgspec.Struct, frozen=True, eq=False):
     """One pumping cycle, simulated or optimal: what every verb returns, prints and saves.
 
     ``result["tether_force_kite_N"]`` is the time series of a channel, ``print(result)`` a table.
@@ -62,10 +61,10 @@ class Result:
     problem: Problem
     status: str = "ok"
     warnings: tuple[str, ...] = ()
-    phases: dict[str, dict[str, float]] = field(default_factory=dict)
-    cycle: dict[str, float | None] = field(default_factory=dict)
-    channels: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
-    details: dict[str, Any] = field(default_factory=dict)
+    phases: dict[str, dict[str, float]] = msgspec.field(default_factory=dict)
+    cycle: dict[str, float | None] = msgspec.field(default_factory=dict)
+    channels: Mapping[str, npt.NDArray[Any]] = msgspec.field(default_factory=dict)
+    details: dict[str, Any] = msgspec.field(default_factory=dict)
     prescribed: Result | None = None
 
     def __post_init__(self) -> None:
@@ -82,7 +81,7 @@ class Result:
         if len({array.shape for array in channels.values()}) > 1:
             shapes = ", ".join(f"{name} {array.shape}" for name, array in channels.items())
             raise ValueError(f"all channels must have one length, not {shapes}")
-        object.__setattr__(self, "channels", channels)
+        msgspec.structs.force_setattr(self, "channels", channels)
 
     def __repr__(self) -> str:
         samples = len(next(iter(self.channels.values()), ()))

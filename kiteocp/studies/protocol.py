@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from typing import Protocol
+
+import msgspec
+from msgspec.structs import replace
 
 from kiteocp.errors import CycleError, InfeasibleError, NoEquilibriumError, SolveError
 from kiteocp.problem import Problem
@@ -29,8 +31,7 @@ class Study(Protocol):
         """Return the figures that there are to draw."""
 
 
-@dataclass(frozen=True)
-class ResultStudy:
+class ResultStudy(msgspec.Struct, frozen=True):
     """A study whose numbers are all in its result.
 
     Attributes
@@ -45,7 +46,7 @@ class ResultStudy:
 
     found: Result
     words: Callable[[Result], Document] = Result.document
-    written: Mapping[str, bytes] = field(default_factory=dict)
+    written: Mapping[str, bytes] = msgspec.field(default_factory=dict)
 
     def result(self) -> Result:
         """Return the numbers."""

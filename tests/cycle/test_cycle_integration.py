@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 
+import msgspec
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -124,7 +124,7 @@ def test_converged(name: str) -> None:
     def flown(tolerance: float) -> list[float]:
         state, found = fly(values)[0].states[0], []
         for phase, integrator in _integrators(values.structure, "explicit").items():
-            tuned = dataclasses.replace(integrator, tolerance=tolerance)
+            tuned = msgspec.structs.replace(integrator, tolerance=tolerance)
             states = tuned.run(state, values.vector, ends_of(values)[phase], 1000.0)
             found += [states[-1, 0], states[-1, 3] / states[-1, 0]]
             state = np.array([0.0, *states[-1, 1:3], 0.0])

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
+import msgspec
 import numpy as np
 import pytest
 from vehicle import GUESS, MESHES, P, there_and_back
@@ -172,7 +173,7 @@ def test_first_order_residuals_name_what_is_wrong(program: NonlinearProgram) -> 
     assert judge.residuals(solution).largest < 1e-8
     x = solution.x.copy()
     x[program.find_variables(phase="out", name="drag")[2]] += 0.2
-    disturbed = judge.residuals(type(solution)(**{**vars(solution), "x": x}))
+    disturbed = judge.residuals(msgspec.structs.replace(solution, x=x))
     # Scale 3 of the variable over scale 2 of the row.
     assert disturbed.primal_feasibility == pytest.approx(0.2 * 3.0 / 2.0, rel=1e-6)
     assert (disturbed.worst_row.kind, disturbed.worst_row.point) == ("residual", 3)

@@ -6,11 +6,11 @@ The sabotage reaches the optimal control problem alone; the re-simulation flies 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
+from msgspec.structs import replace
 
 from kiteocp import load_problem
 from kiteocp.ocp.nlpsolver import Solver

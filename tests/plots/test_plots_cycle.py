@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import io
 
 import matplotlib.image
+import msgspec
 import numpy as np
 import pytest
 from made_result import make_optimum, make_result
@@ -60,7 +60,7 @@ def test_optimum_names_both_powers_and_draws_both_cycles():
 
 def test_no_two_labels_overlap():
     crowded = make_optimum().problem.with_values({"limits.generator_power_max_W": 7500.0})
-    optimum = dataclasses.replace(make_optimum(), problem=crowded)
+    optimum = msgspec.structs.replace(make_optimum(), problem=crowded)
     for figure in (compose_cycle(make_result()), compose_optimum(optimum)):
         figure.canvas.draw()
         renderer = figure.canvas.get_renderer()
@@ -82,7 +82,7 @@ def test_no_two_labels_overlap():
 
 def test_more_active_limits_than_there_is_room_for_are_owned_up_to():
     limit = {"limit": "limits.tether_force_max_N", "value": 3008.0, "share": 0.5}
-    crowd = dataclasses.replace(make_optimum(), details={"active_limits": {"traction": [limit] * 40}})
+    crowd = msgspec.structs.replace(make_optimum(), details={"active_limits": {"traction": [limit] * 40}})
     texts = [text.get_text() for text in compose_optimum(crowd).texts]
     assert "... and more in summary.json" in texts
     assert 5 < sum("tether_force_max_N" in text for text in texts) < 20

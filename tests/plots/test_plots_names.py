@@ -6,6 +6,7 @@ import itertools
 import math
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 from made_result import make_optimum, make_result
@@ -69,7 +70,7 @@ def test_names_in_the_pictures_of_shipped_optima_cover_nothing(name: str) -> Non
 @pytest.mark.parametrize("text", ["costs $5", r"$\frac{1}{", "$x_1^{2$ and $y$", "two\nlines", "many words " * 60])
 def test_a_description_is_written_as_it_stands(make: object, text: str, tmp_path: Path) -> None:
     result = make()  # type: ignore[operator]
-    object.__setattr__(result, "problem", load_problem("strong-wind", {"description": text}))
+    msgspec.structs.force_setattr(result, "problem", load_problem("strong-wind", {"description": text}))
     [path] = draw(result, tmp_path)
     assert path.read_bytes().startswith(b"\x89PNG")
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from made_flight import kitepower_rows, made_flight, write_csv
+from msgspec.structs import replace
 
 from kiteocp import InputError
 from kiteocp.recording import FlightData, load_columns, load_flight, shipped_columns

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
 import pytest
 from made_flight import RECORDING
+from msgspec.structs import replace
 from scipy.stats import binom
 
 import kiteocp

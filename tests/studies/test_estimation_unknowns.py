@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from made_flight import DATA, made_flight
+from msgspec.structs import replace
 
 from kiteocp.errors import InputError
 from kiteocp.physics.parameters import parameter_values

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from functools import cache
 from html import escape
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_flight import DATA, RECORDING, TRUTH, kitepower_rows, made_flight, true_result, write_csv
+from msgspec.structs import replace
 
 import kiteocp
 from kiteocp import InputError

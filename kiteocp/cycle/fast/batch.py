@@ -9,10 +9,10 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NoReturn
 
+import msgspec
 import numpy as np
 import numpy.typing as npt
 
@@ -35,8 +35,7 @@ ERROR_ESTIMATE = 5e-4
 ROUTES = ("coarse", "fine", "adaptive")
 
 
-@dataclass(frozen=True)
-class BatchResult:
+class BatchResult(msgspec.Struct, frozen=True):
     """The cycles of a batch of n problems; all arrays of shape (n,), not numbers where a cycle cannot be flown.
 
     Attributes

@@ -11,11 +11,11 @@ cycle needs the adaptive integrator instead.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import casadi as ca
+import msgspec
 import numpy as np
 
 from kiteocp.cycle.laws import ELEVATION, ENERGY, LENGTH, TIME, phase_functions
@@ -25,8 +25,7 @@ from kiteocp.numerics.tableaus import DORMAND_PRINCE_5, DORMAND_PRINCE_8, Tablea
 from kiteocp.physics.parameters import Structure, parameters_of
 
 
-@dataclass(frozen=True)
-class FixedSteps:
+class FixedSteps(msgspec.Struct, frozen=True):
     """How finely a cycle is stepped.
 
     Attributes

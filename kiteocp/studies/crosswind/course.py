@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
+from msgspec.structs import asdict
 from scipy.optimize import brentq
 
 from kiteocp.errors import InputError
@@ -29,8 +30,7 @@ _CLOSE_DEG = 1e-9
 _MOST_MATCHES = 60
 
 
-@dataclass(frozen=True)
-class RepresentativeCourse:
+class RepresentativeCourse(msgspec.Struct, frozen=True):
     """A flown figure beside the representative state of its averaged cosines.
 
     Attributes

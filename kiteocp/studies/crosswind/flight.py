@@ -6,8 +6,7 @@ and, with the winch holding a force or a speed, the other of the two. The tether
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
+import msgspec
 import numpy as np
 
 from kiteocp.errors import NoEquilibriumError
@@ -29,8 +28,7 @@ class UnflyableError(NoEquilibriumError):
         return f"the path cannot be flown: {self.cause}"
 
 
-@dataclass(frozen=True)
-class Winch:
+class Winch(msgspec.Struct, frozen=True):
     """What the winch holds along a path.
 
     Attributes
@@ -45,8 +43,7 @@ class Winch:
     value: float
 
 
-@dataclass(frozen=True)
-class FlownPath:
+class FlownPath(msgspec.Struct, frozen=True):
     """A path with the states along it.
 
     Attributes

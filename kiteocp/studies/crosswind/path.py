@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
 from kiteocp.errors import InputError, check_word
@@ -21,8 +21,7 @@ POINTS = 128
 ASPECT = 0.3
 
 
-@dataclass(frozen=True)
-class FlightPath:
+class FlightPath(msgspec.Struct, frozen=True):
     """A closed path at points evenly spaced in its own parameter; the last point is not the first again.
 
     Attributes

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from kiteocp.cycle import simulate
@@ -19,8 +19,7 @@ from kiteocp.studies.estimation.synthetic import flight_of_result
 COMPARED = ("lift_coefficient", "kite_drag_coefficient", "kite_lift_to_drag")
 
 
-@dataclass(frozen=True)
-class RoundTrip:
+class RoundTrip(msgspec.Struct, frozen=True):
     """Relative errors of estimates from a flight without errors of measurement.
 
     Attributes

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,8 +28,7 @@ _DERIVED = (
 )
 
 
-@dataclass(frozen=True)
-class Estimation:
+class Estimation(msgspec.Struct, frozen=True):
     """What a flight tells of the kite and of the wind.
 
     Attributes

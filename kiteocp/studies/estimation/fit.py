@@ -13,11 +13,11 @@ comes out too small by some ``2 (noise / v_a)^2``.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
 
 import casadi as ca
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -66,8 +66,7 @@ USEFUL_SHARE = 0.25
 LARGEST_CONDITION = 30.0
 
 
-@dataclass(frozen=True)
-class CoefficientFit:
+class CoefficientFit(msgspec.Struct, frozen=True):
     """Coefficients of each setting, and of the wind what was asked for.
 
     Attributes

@@ -10,11 +10,11 @@ flight alone, which neglects the wind across the course. Both take the drag of t
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import casadi as ca
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -63,8 +63,7 @@ REASONS: Mapping[str, str] = {
 }
 
 
-@dataclass(frozen=True)
-class ApparentWind:
+class ApparentWind(msgspec.Struct, frozen=True):
     """Force and apparent wind of a measured sample, spherical components (radial, polar, azimuthal).
 
     Attributes
@@ -177,8 +176,7 @@ def _inversion(structure: Structure) -> tuple[ca.Function, tuple[str, ...]]:
     return ca.Function("inversion", [measured, parameters.vector], [stacked]), tuple(outputs)
 
 
-@dataclass(frozen=True)
-class Inversion:
+class Inversion(msgspec.Struct, frozen=True):
     """Coefficients of every sample of a flight.
 
     Attributes

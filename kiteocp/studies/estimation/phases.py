@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,8 +22,7 @@ OUTLIER = 6.0
 JUDGED_BY = ("lift_coefficient", "kite_drag_coefficient", "kite_lift_to_drag")
 
 
-@dataclass(frozen=True)
-class PhaseEstimate:
+class PhaseEstimate(msgspec.Struct, frozen=True):
     """Coefficients of one phase by one way.
 
     Attributes

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
 import casadi as ca
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
@@ -31,8 +32,7 @@ SPIKE = 4.0
 FROZEN_S = 3.0
 
 
-@dataclass(frozen=True)
-class Noise:
+class Noise(msgspec.Struct, frozen=True):
     """Errors of measurement: standard deviations, in the unit of what they are added to.
 
     Half of the variance is white, half correlated over `correlation_time_s` (a process of first order).

@@ -9,9 +9,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from kiteocp.errors import InputError
 from kiteocp.physics.parameters import parameter_values
@@ -24,8 +25,7 @@ from kiteocp.studies.estimation.wind import WindEstimate
 QUANTILE = 1.96
 
 
-@dataclass(frozen=True)
-class WindUnknowns:
+class WindUnknowns(msgspec.Struct, frozen=True):
     """Standard deviations of what the data do not tell.
 
     Attributes
@@ -46,7 +46,7 @@ class WindUnknowns:
     airspeed_gauge: float = 0.03
 
     def __post_init__(self) -> None:
-        for name, value in self.__dict__.items():
+        for name, value in msgspec.structs.asdict(self).items():
             if not (math.isfinite(value) and value >= 0.0):
                 raise InputError(f"WindUnknowns: {name} is {value:g}; give a standard deviation of 0 or more", key=name)
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache
 from typing import Any
 
 import casadi as ca
+import msgspec
 import numpy as np
+from msgspec.structs import asdict, replace
 from numpy.typing import NDArray
 
 from kiteocp.errors import InputError
@@ -33,8 +34,7 @@ FEWEST_SAMPLES = 20
 PARAMETERS = ("scale", "direction_offset_deg", "airspeed_gain")
 
 
-@dataclass(frozen=True)
-class WindEstimate:
+class WindEstimate(msgspec.Struct, frozen=True):
     """The wind of a flight: that of the problem at every height times `scale`, turned by `direction_offset_deg`.
 
     Attributes
@@ -81,7 +81,7 @@ class WindEstimate:
     reference_height_m: float | None = None
     scale_total_standard_error: float | None = None
     scale_total_interval: tuple[float, float] | None = None
-    systematic_shares: Mapping[str, float] = field(default_factory=dict)
+    systematic_shares: Mapping[str, float] = msgspec.field(default_factory=dict)
 
     @property
     def total_standard_error(self) -> float | None:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+
+import msgspec
 
 from kiteocp.studies.paper.published import CASES
 from kiteocp.studies.paper.tables import Comparison, Row
@@ -12,8 +13,7 @@ from kiteocp.studies.paper.tables import Comparison, Row
 Lookup = Callable[[str, bool], Comparison]
 
 
-@dataclass(frozen=True)
-class Claim:
+class Claim(msgspec.Struct, frozen=True):
     """A conclusion of the paper.
 
     Attributes

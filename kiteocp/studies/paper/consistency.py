@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
+
+import msgspec
 
 from kiteocp.cycle.phases import PHASES
 from kiteocp.physics.aerodynamics import resultant_coefficient
@@ -25,8 +26,7 @@ from kiteocp.studies.paper.rounding import flown_numbers
 COLUMNS = ("gravity excluded", "gravity included", "experiment")
 
 
-@dataclass(frozen=True)
-class PrintedCheck:
+class PrintedCheck(msgspec.Struct, frozen=True):
     """A printed result of the inputs beside the same from the inputs used here."""
 
     case: str
@@ -50,8 +50,7 @@ class PrintedCheck:
         }
 
 
-@dataclass(frozen=True)
-class TableCheck:
+class TableCheck(msgspec.Struct, frozen=True):
     """Energy and duration of a published cycle, as printed and as the sum of its printed phases.
 
     Attributes
@@ -81,11 +80,10 @@ class TableCheck:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the check for the summary."""
-        return {**self.__dict__, "agrees": self.agrees}
+        return {**msgspec.structs.asdict(self), "agrees": self.agrees}
 
 
-@dataclass(frozen=True)
-class ErratumEffect:
+class ErratumEffect(msgspec.Struct, frozen=True):
     """What the reading of a contradictory input that is not used here would change, gravity included.
 
     Attributes

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from kiteocp.cycle.simulation import fly
@@ -23,8 +23,7 @@ TIME_STEPS: FloatArray = np.geomspace(0.3, 1e-4, 15)
 BISECTIONS = 13
 
 
-@dataclass(frozen=True)
-class Curve:
+class Curve(msgspec.Struct, frozen=True):
     """Mean harvesting factor of one cycle over the nondimensional time step of the paper's scheme.
 
     Attributes
@@ -57,8 +56,7 @@ class Curve:
         return float(self.ratios[-1] + (self.ratios[-1] - self.ratios[-2]) / (factor - 1))
 
 
-@dataclass(frozen=True)
-class Convergence:
+class Convergence(msgspec.Struct, frozen=True):
     """The convergence study.
 
     Attributes
@@ -73,9 +71,9 @@ class Convergence:
     """
 
     curves: dict[str, Curve]
-    band_time_steps: dict[str, float] = field(default_factory=dict)
-    paper_deviations: dict[str, float] = field(default_factory=dict)
-    paper_steps: dict[str, int] = field(default_factory=dict)
+    band_time_steps: dict[str, float] = msgspec.field(default_factory=dict)
+    paper_deviations: dict[str, float] = msgspec.field(default_factory=dict)
+    paper_steps: dict[str, int] = msgspec.field(default_factory=dict)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the study for the summary."""

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import casadi as ca
+import msgspec
 import numpy as np
 
 from kiteocp.ocp.collocation import FloatArray
@@ -34,8 +33,7 @@ TILT_ROUNDING = 1e-12
 _LENGTH_M = 100.0
 
 
-@dataclass(frozen=True)
-class GravityIsolines:
+class GravityIsolines(msgspec.Struct, frozen=True):
     """Mass of a kite without tether that flies a course at a kinematic ratio in equilibrium.
 
     Attributes

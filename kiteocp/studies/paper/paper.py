@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
 from typing import Any
+
+import msgspec
+from msgspec.structs import asdict
 
 from kiteocp.execution import one_at_a_time
 from kiteocp.problem import Problem
@@ -35,8 +37,7 @@ REFERENCES = ("kite", "ground")
 _PARTS = 10
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class PaperResult(Result):
+class PaperResult(Result, frozen=True, eq=False):
     """The numbers of the validation, which has two problems.
 
     Attributes
@@ -45,7 +46,7 @@ class PaperResult(Result):
         Both by name of the case; `problem` is the first.
     """
 
-    problems: Mapping[str, Problem] = field(default_factory=dict)
+    problems: Mapping[str, Problem] = msgspec.field(default_factory=dict)
 
     def summary(self) -> dict[str, Any]:
         """Return the contents of ``summary.json``: the head of the contract for both problems."""
@@ -58,8 +59,7 @@ class PaperResult(Result):
         }
 
 
-@dataclass(frozen=True)
-class PaperValidation:
+class PaperValidation(msgspec.Struct, frozen=True):
     """The paper's results section, computed anew.
 
     Attributes

@@ -7,15 +7,15 @@ paper prints, because the last digit says how far each was rounded.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
 from decimal import Decimal
+
+import msgspec
 
 #: The two cases: names of the shipped problems, as the paper calls them.
 CASES: dict[str, str] = {"strong-wind": "strong wind", "moderate-wind": "moderate wind"}
 
 
-@dataclass(frozen=True)
-class Printed:
+class Printed(msgspec.Struct, frozen=True):
     """A number as printed, and what turns it into SI (or the unit of a key)."""
 
     text: str
@@ -100,8 +100,7 @@ _RESULTS: dict[str, dict[str, tuple[str, str, str]]] = {
 PAPER_BAND, PAPER_BAND_TIME_STEP, PAPER_TIME_STEP, PAPER_STEPS = 0.03, 0.1, 0.01, 534
 
 
-@dataclass(frozen=True)
-class Erratum:
+class Erratum(msgspec.Struct, frozen=True):
     """A published input that contradicts another.
 
     Attributes
@@ -119,7 +118,7 @@ class Erratum:
     paper: str
     used: str
     why: str
-    overrides: dict[str, float] = field(default_factory=dict)
+    overrides: dict[str, float] = msgspec.field(default_factory=dict)
 
 
 _LIFT = "kite.depowered.lift_coefficient"

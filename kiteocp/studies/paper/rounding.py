@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 
+import msgspec
 import numpy as np
 
 from kiteocp.cycle.fast.tangent import QUANTITIES
@@ -27,8 +27,7 @@ REEL_OUT_ENERGY = "transition_and_traction.energy_J"
 SHORTEST, LONGEST = "operation.tether_length_min_m", "operation.tether_length_max_m"
 
 
-@dataclass(frozen=True)
-class Band:
+class Band(msgspec.Struct, frozen=True):
     """Where rounding of the inputs may have moved a number.
 
     Attributes

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
+
+import msgspec
 
 from kiteocp.cycle.phases import PHASES
 from kiteocp.cycle.simulation import simulate
@@ -43,16 +44,14 @@ EXPLANATIONS: dict[str, str] = {
 LIKELY = 2.0
 
 
-@dataclass(frozen=True)
-class Number:
+class Number(msgspec.Struct, frozen=True):
     """A published number and how far its own rounding may have moved it."""
 
     value: float
     half_unit: float
 
 
-@dataclass(frozen=True)
-class Row:
+class Row(msgspec.Struct, frozen=True):
     """One number of the tables, in W, s, N or J.
 
     Attributes
@@ -128,8 +127,7 @@ class Row:
         }
 
 
-@dataclass(frozen=True)
-class Comparison:
+class Comparison(msgspec.Struct, frozen=True):
     """One case, with or without gravity, the force held at the kite or at the ground."""
 
     case: str

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import msgspec
 import numpy as np
 
 from kiteocp.physics.aerodynamics import resultant_coefficient
@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 FEWEST, VARYING = 20, 0.05
 
 
-@dataclass(frozen=True)
-class ForceCheck:
+class ForceCheck(msgspec.Struct, frozen=True):
     """Aerodynamic force of the traction by wind, measured velocity and estimated coefficients, over the measured one.
 
     Attributes

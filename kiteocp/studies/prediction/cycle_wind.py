@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from kiteocp.physics.parameters import ParameterValues, parameter_values
 from kiteocp.physics.wind import in_wind
@@ -18,8 +18,7 @@ from kiteocp.studies.prediction.sensor import FEWEST_AIRSPEEDS, airspeed_factor
 OWN_WIND, OWN_DIRECTION = "wind_scale_of_cycle", "wind_direction_offset_of_cycle_deg"
 
 
-@dataclass(frozen=True)
-class CycleWind:
+class CycleWind(msgspec.Struct, frozen=True):
     """Wind of one cycle.
 
     Attributes

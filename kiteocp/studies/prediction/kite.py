@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import asdict, dataclass, replace
 from typing import Any
 
+import msgspec
 import numpy as np
+from msgspec.structs import asdict, replace
 
 from kiteocp.errors import InputError
 from kiteocp.problem import Problem
@@ -26,8 +27,7 @@ SLOPE_STEP, DIRECTION_STEP_DEG = 0.01, 1.0
 WIND, DIRECTION = "wind_scale", "wind_direction_offset_deg"
 
 
-@dataclass(frozen=True)
-class EstimatedKite:
+class EstimatedKite(msgspec.Struct, frozen=True):
     """Kite and wind as some cycles showed them.
 
     Attributes

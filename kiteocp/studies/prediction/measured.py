@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
+from msgspec.structs import asdict
 from numpy.typing import NDArray
 
 from kiteocp.recording.cleaning import FloatArray
@@ -15,8 +16,7 @@ from kiteocp.recording.data import FLIGHT_PHASES, FlightData
 FEWEST_SAMPLES = 8
 
 
-@dataclass(frozen=True)
-class MeasuredPhase:
+class MeasuredPhase(msgspec.Struct, frozen=True):
     """One phase of one flown cycle.
 
     Attributes
@@ -68,8 +68,7 @@ class MeasuredPhase:
         return {key: value for key, value in asdict(self).items() if key != "name"} | {"energy_J": self.energy_J}
 
 
-@dataclass(frozen=True)
-class MeasuredCycle:
+class MeasuredCycle(msgspec.Struct, frozen=True):
     """One flown cycle, its phases by name."""
 
     number: int

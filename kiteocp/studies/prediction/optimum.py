@@ -12,9 +12,9 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 from scipy.optimize import brentq
 
@@ -54,8 +54,7 @@ NOTICED = 0.01
 MATCH = (0.7, 1.5)
 
 
-@dataclass(frozen=True)
-class OptimumStudy:
+class OptimumStudy(msgspec.Struct, frozen=True):
     """The optimum beside the flown cycles.
 
     Attributes

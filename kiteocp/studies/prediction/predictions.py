@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from kiteocp.studies.estimation.fit import CoefficientFit
@@ -27,8 +27,7 @@ WIDE = 0.5
 CLOSE = 0.1
 
 
-@dataclass(frozen=True)
-class Prediction:
+class Prediction(msgspec.Struct, frozen=True):
     """One predicted quantity of a phase beside the measured one.
 
     Attributes
@@ -74,8 +73,7 @@ class Prediction:
         }
 
 
-@dataclass(frozen=True)
-class PhaseComparison:
+class PhaseComparison(msgspec.Struct, frozen=True):
     """A phase by every law.
 
     Attributes
@@ -114,8 +112,7 @@ class PhaseComparison:
         }
 
 
-@dataclass(frozen=True)
-class CycleComparison:
+class CycleComparison(msgspec.Struct, frozen=True):
     """A cycle by every law.
 
     Attributes

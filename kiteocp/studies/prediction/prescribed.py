@@ -7,10 +7,10 @@ kite climbs. It is flown as a phase of its own, powered and straight up; in a cl
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
+import msgspec
 import numpy as np
 
 from kiteocp.cycle.laws import STATE, phase_functions
@@ -31,8 +31,7 @@ LENGTH, ELEVATION = STATE.index("tether_length_m"), STATE.index("elevation_rad")
 PARTS = 8
 
 
-@dataclass(frozen=True)
-class FlownLaw:
+class FlownLaw(msgspec.Struct, frozen=True):
     """A phase flown by its law.
 
     Attributes

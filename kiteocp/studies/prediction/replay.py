@@ -8,10 +8,10 @@ same holds for a winch that lets out the faster the harder the kite pulls: its l
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
+import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,8 +39,7 @@ MATCH = (0.7, 1.5)
 SPEED_TOLERANCE_M_S = 1e-6
 
 
-@dataclass(frozen=True)
-class Path:
+class Path(msgspec.Struct, frozen=True):
     """Samples of a phase as the model takes them.
 
     Attributes
@@ -62,8 +61,7 @@ class Path:
     reeling_speed_m_s: FloatArray
 
 
-@dataclass(frozen=True)
-class Replay:
+class Replay(msgspec.Struct, frozen=True):
     """A phase flown again along its path.
 
     Attributes
@@ -124,8 +122,7 @@ class Replay:
         return found
 
 
-@dataclass(frozen=True)
-class FlownWinchLaw:
+class FlownWinchLaw(msgspec.Struct, frozen=True):
     """How a winch reeled out over force: ``speed = speed_m_s + slope_m_s_per_N (force - force_N)``.
 
     Attributes

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import msgspec
 import numpy as np
 
 from kiteocp.recording.data import FLIGHT_PHASES
@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from kiteocp.studies.prediction.study import FlightStudy
 
 
-@dataclass(frozen=True)
-class Finding:
+class Finding(msgspec.Struct, frozen=True):
     """One quantity of one phase by one law, over all predicted cycles."""
 
     phase: str

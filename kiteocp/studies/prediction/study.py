@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from kiteocp.errors import InputError, SolveError
 from kiteocp.execution import one_at_a_time
@@ -28,8 +29,7 @@ CREDIBLE_LIFTS = {"powered": (0.25, 2.5), "depowered": (0.02, 1.5)}
 Progress = Callable[[int, int], None]
 
 
-@dataclass(frozen=True)
-class FlightStudy:
+class FlightStudy(msgspec.Struct, frozen=True):
     """What came out.
 
     Attributes

@@ -5,10 +5,10 @@ A key means what ``--set`` of it does: numbers that follow from it by default ar
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from kiteocp.errors import InputError, SolveError
@@ -31,8 +31,7 @@ def method_of(program: NonlinearProgram) -> ActiveSetMethod:
     return ActiveSetMethod(program)
 
 
-@dataclass(frozen=True)
-class LocalStudy:
+class LocalStudy(msgspec.Struct, frozen=True, dict=True):
     """An optimum on its active set with its derivatives along every key.
 
     Attributes

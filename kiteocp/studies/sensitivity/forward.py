@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from kiteocp.cycle.fast.tangent import QUANTITIES, cycle_and_tangent
@@ -32,8 +32,7 @@ SMALL_GRAVITY_M_S2 = 1e-9
 ROUNDING = 1e-12
 
 
-@dataclass(frozen=True)
-class ForwardSensitivity:
+class ForwardSensitivity(msgspec.Struct, frozen=True):
     """The prescribed cycle and its derivatives.
 
     Attributes

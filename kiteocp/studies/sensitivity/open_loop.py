@@ -12,10 +12,11 @@ Every cycle compared is thus periodic and includes the same pauses; its tether f
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
 from typing import Literal
 
+import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from kiteocp.cycle.objective import mean_power
 from kiteocp.cycle.phases import FlownPhase, PhaseName
@@ -42,8 +43,7 @@ PASSES = 8
 OpenLoopStatus = Literal["flown", "not_flown", "not_closed"]
 
 
-@dataclass(frozen=True)
-class OpenLoopCycle:
+class OpenLoopCycle(msgspec.Struct, frozen=True):
     """A nominal schedule flown on other numbers.
 
     Attributes

@@ -7,10 +7,10 @@ recomputed, hold; otherwise it is solved from all starts, and where that fails t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, Literal
 
+import msgspec
 import numpy as np
 from scipy import stats
 
@@ -52,8 +52,7 @@ OPEN_LOOP_BETTER = 2e-3
 SampleStatus = Literal["solved", "infeasible", "failed", "invalid"]
 
 
-@dataclass(frozen=True)
-class Sample:
+class Sample(msgspec.Struct, frozen=True):
     """What became of one sample.
 
     Attributes
@@ -107,8 +106,7 @@ def quantiles(problem: Problem, key: str, uncertainty: Uncertainty, probabilitie
     return np.asarray(stats.truncnorm.ppf(inside, *ends, loc=value, scale=deviation), dtype=float)
 
 
-@dataclass(frozen=True)
-class Resolver:
+class Resolver(msgspec.Struct, frozen=True, dict=True):
     """A nominal optimum from which samples are solved; in a process pool each process builds its own."""
 
     problem: Problem

@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 from scipy import stats
 
@@ -51,8 +51,7 @@ RESAMPLES, CONFIDENCE = 999, 0.95
 Progress = Callable[[int, int], None]
 
 
-@dataclass(frozen=True)
-class GlobalStudy:
+class GlobalStudy(msgspec.Struct, frozen=True):
     """Samples and what they say.
 
     Attributes

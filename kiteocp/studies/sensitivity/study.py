@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, replace
+
+import msgspec
+from msgspec.structs import replace
 
 from kiteocp.errors import CycleError, SolveError
 from kiteocp.problem import Problem
@@ -23,8 +25,7 @@ from kiteocp.studies.sensitivity.variation import VARIATION_FILE, Variation, var
 Tell = Callable[[str], AbstractContextManager[Callable[[int, int], None]]]
 
 
-@dataclass
-class SensitivityStudy:
+class SensitivityStudy(msgspec.Struct):
     """What is known so far, so that an interruption loses none of it.
 
     Attributes

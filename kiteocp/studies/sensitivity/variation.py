@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from typing import Any
 
+import msgspec
 import numpy as np
 
 from kiteocp.cycle.phases import PHASES
@@ -30,8 +30,7 @@ MOST_VALUES = 1000
 ANOTHER_OPTIMUM = 1e-4
 
 
-@dataclass(frozen=True)
-class Variation:
+class Variation(msgspec.Struct, frozen=True):
     """A key and the optimum at several of its values.
 
     Attributes

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
+
+import msgspec
 
 from kiteocp.cycle.limits import Limit
 from kiteocp.cycle.objective import mean_power
@@ -21,8 +22,7 @@ from kiteocp.studies.winch.law import Kind, WinchLaw
 WITHIN = 2e-3
 
 
-@dataclass(frozen=True)
-class LawEvaluation:
+class LawEvaluation(msgspec.Struct, frozen=True):
     """A cycle under winch laws in one wind.
 
     Attributes

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, get_args
 
+import msgspec
 import numpy as np
 
 from kiteocp.cycle.phases import PhaseName
@@ -33,8 +33,7 @@ LAWS_FILE, REPORT_FILE = "laws.json", "report.txt"
 WIND_FACTORS = (1.0, 0.9, 1.1)
 
 
-@dataclass(frozen=True)
-class WinchExport:
+class WinchExport(msgspec.Struct, frozen=True):
     """What a controller takes from an optimal cycle.
 
     Attributes

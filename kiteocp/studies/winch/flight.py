@@ -8,11 +8,11 @@ needs no smoothness of the law and cannot lose the root: the kite's speed falls 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
 import casadi as ca
+import msgspec
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
@@ -44,8 +44,7 @@ SAMPLES = 241
 TOLERANCE = 1e-8
 
 
-@dataclass(frozen=True)
-class Switching:
+class Switching(msgspec.Struct, frozen=True):
     """When phases end, by what a ground station knows.
 
     The retraction ends at a tether length or at the highest elevation, whichever comes first, the transition at an
@@ -75,8 +74,7 @@ class Switching:
         )
 
 
-@dataclass(frozen=True)
-class HeldQuantities:
+class HeldQuantities(msgspec.Struct, frozen=True):
     """What the kite's own controller holds in a phase: quantities over its progress, as piecewise linear tables.
 
     ``tables`` has for each of ``power_setting``, ``course`` (rad) and, in the traction, ``elevation`` (rad) that is not
@@ -223,8 +221,7 @@ def _table(knots: np.ndarray, entries: np.ndarray) -> np.ndarray:
     return np.concatenate([knots, padding, entries, np.full(missing, entries[-1])])
 
 
-@dataclass(frozen=True)
-class LawFunctions:
+class LawFunctions(msgspec.Struct, frozen=True):
     """CasADi functions of a phase under a law; the arguments are the problem's parameters and the tables.
 
     ``rates(state, arguments)`` are the time derivatives of `STATE`, ``outputs(state, arguments)`` the quantities of

@@ -9,9 +9,9 @@ speed, a law that never falls meets it exactly once.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, Literal
 
+import msgspec
 import numpy as np
 from scipy.optimize import least_squares
 
@@ -37,8 +37,7 @@ OFF_DESIGN_WEIGHT = 0.2
 OVERSTEP, STANDSTILL, SMOOTHNESS = 10.0, 0.02, 0.01
 
 
-@dataclass(frozen=True)
-class WinchLaw:
+class WinchLaw(msgspec.Struct, frozen=True):
     """A piecewise linear law of the reeling speed in one phase, constant beyond its outer knots.
 
     Attributes
@@ -183,8 +182,7 @@ def fit_force_law(nominal: PhaseRecord, others: Sequence[PhaseRecord], values: P
     )
 
 
-@dataclass(frozen=True)
-class _Samples:
+class _Samples(msgspec.Struct, frozen=True):
     """Ground force (N), speed (m/s), fall of the force with the speed (N s/m) and weight of samples, shape (n,)."""
 
     force: np.ndarray
