@@ -160,6 +160,8 @@ def starts_check(powers_W: Sequence[float | None], failed: Mapping[str, str] = M
     spread = (optima[0] - optima[-1]) / max(abs(optima[0]), 1.0) if optima else None
     word = "optimum" if len(optima) == 1 else "optima"
     text = f"{len(reached)} of {len(powers_W)} starts led to {len(optima)} local {word}"
+    if len(powers_W) == len(reached) == 1:
+        text = "solved from one start; a full certificate has a second opinion"
     if len(optima) > 1 and spread is not None:
         text += f", {100 * spread:.2g} % apart in power; the best is kept"
     if failed:

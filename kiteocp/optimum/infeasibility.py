@@ -176,7 +176,7 @@ class _Search:
         slacks = near.slacks if near.slacks.get(WIND_UP, 0.0) > 1.0 else None
         repair = self.repair(allowed, near.x, HEAVY[1:], slacks)
         if thorough and not (repair is not None and repair.complete):
-            repair = self.repair(allowed, self.packed(STARTS[-1]))
+            repair = self.repair(allowed, self.packed(STARTS[0]))
         return repair.found if repair is not None and repair.complete else None
 
     def smallest_conflict(self, joint: ElasticSolution) -> tuple[dict[str, ElasticSolution], list[str]]:

@@ -177,7 +177,8 @@ def optimise(problem: Problem, *, certificate: Level = "full") -> Optimum:
     """
     check_word("certificate", certificate, get_args(Level))
     values = parameter_values(problem)
-    return certified(problem, search(values, Formulation.of(problem), solver_options(problem)), certificate)
+    attempts = search(values, Formulation.of(problem), solver_options(problem), second_opinion=certificate == "full")
+    return certified(problem, attempts, certificate)
 
 
 def certified(

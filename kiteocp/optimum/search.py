@@ -15,6 +15,10 @@ from kiteocp.optimum.starts import STARTS, enriched, guess_of, pinned_start, res
 from kiteocp.physics.parameters import ParameterValues, Structure
 from kiteocp.problem import Problem
 
+#: Iterations from a start beyond which its optimum is compared with those of others: twice the usual number (median 29
+#: over `benchmarks.family`). What takes longer comes from far away, or wanders between several optima.
+HARD = 60
+
 #: Sum of relative relaxations below which the elastic program alone does not decide that there is no cycle.
 NEARLY_FEASIBLE = 0.02
 
@@ -40,8 +44,21 @@ class Attempt(msgspec.Struct, frozen=True):
         return float(self.solver.program.in_units(self.solution.f)) if self.solution.success else None
 
 
-def search(values: ParameterValues, formulation: Formulation, options: tuple[tuple[str, Any], ...]) -> list[Attempt]:
-    """Solve from all starts; where none succeeds, find out why, and try again where there is hope.
+def search(
+    values: ParameterValues,
+    formulation: Formulation,
+    options: tuple[tuple[str, Any], ...],
+    *,
+    second_opinion: bool = True,
+) -> list[Attempt]:
+    """Solve from several starts; where none succeeds, find out why, and try again where there is hope.
+
+    Parameters
+    ----------
+    values, formulation, options
+        The problem, its mesh included, and IPOPT options.
+    second_opinion
+        Solve from all starts. Without it the first of them is enough, unless it fails or has a hard time.
 
     Returns
     -------
@@ -54,9 +71,9 @@ def search(values: ParameterValues, formulation: Formulation, options: tuple[tup
         No start led to a cycle, and limits are in conflict.
     """
     solver = cycle_solver(values.structure, formulation, options)
-    attempts = solve_from_starts(solver, values)
+    attempts = solve_from_starts(solver, values, second_opinion=second_opinion)
     if formulation != formulation.plain():
-        attempts += _from_less_freedom(solver, values, formulation, options)
+        attempts += _from_less_freedom(solver, values, formulation, options, second_opinion)
     if not any(attempt.solution.success for attempt in attempts):
         attempts += _rescue(solver, values, formulation)
     return attempts
@@ -75,13 +92,15 @@ def solver_options(problem: Problem) -> tuple[tuple[str, Any], ...]:
     return (("tol", given.tolerance), ("max_iter", given.max_iterations))
 
 
-def solve_from_starts(solver: Solver, values: ParameterValues) -> list[Attempt]:
+def solve_from_starts(solver: Solver, values: ParameterValues, *, second_opinion: bool = True) -> list[Attempt]:
     """Solve from every start, and from a shortest traction that is solved first and then released."""
     program = solver.program
-    attempts = [
-        Attempt(start.name, solver, solver.solve(program.pack(guess_of(start, values, program)), values.vector))
-        for start in STARTS
-    ]
+    attempts = []
+    for start in STARTS:
+        solution = solver.solve(program.pack(guess_of(start, values, program)), values.vector)
+        attempts.append(Attempt(start.name, solver, solution))
+        if not second_opinion and solution.success and solution.iterations <= HARD:
+            return attempts
     guess, pinned = pinned_start(values, program)
     held = solver.solve(program.pack(guess), values.vector, pinned=pinned)
     released = solver.solve(held.x, values.vector) if held.success else held
@@ -90,11 +109,16 @@ def solve_from_starts(solver: Solver, values: ParameterValues) -> list[Attempt]:
 
 
 def _from_less_freedom(
-    solver: Solver, values: ParameterValues, formulation: Formulation, options: tuple[tuple[str, Any], ...]
+    solver: Solver,
+    values: ParameterValues,
+    formulation: Formulation,
+    options: tuple[tuple[str, Any], ...],
+    second_opinion: bool,
 ) -> list[Attempt]:
     """Go on from the optimum of constant elevation and fixed power setting: more freedom must not lose against it."""
     plain = cycle_solver(values.structure, formulation.plain(), options)
-    succeeded = [attempt.solution for attempt in solve_from_starts(plain, values) if attempt.solution.success]
+    found = solve_from_starts(plain, values, second_opinion=second_opinion)
+    succeeded = [attempt.solution for attempt in found if attempt.solution.success]
     if not succeeded:
         return []
     best = min(succeeded, key=lambda solution: solution.f)

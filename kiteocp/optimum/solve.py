@@ -41,7 +41,8 @@ def solve(problem: Problem, *, certificate: Level = "full") -> Result:
         The problem; its ``limits`` bound the cycle, its ``optimisation`` block says what is free.
     certificate
         ``full`` refines the mesh until the optimal power no longer changes by more than 1e-4; ``quick`` judges the
-        solution on the mesh of the problem file; ``none`` checks the first-order conditions and the objective alone.
+        solution on the mesh of the problem file, and starts the solver once where that gives no reason to look for
+        another optimum; ``none`` checks the first-order conditions and the objective alone.
 
     Returns
     -------

@@ -34,12 +34,13 @@ class Start(msgspec.Struct, frozen=True):
     durations_s: tuple[float, float, float]
 
 
-#: Long strokes, short cycles, and long tractions after a steep transition are the kinds of local optima that were seen;
-#: one start near each.
+#: Long tractions after a steep transition, long strokes, and short cycles are the kinds of local optima that were seen;
+#: one start near each. Of 332 problems with a cycle (75 winds and 400 random draws of `benchmarks.family`) the first
+#: led to the best optimum of all in 328 and failed in 4; it never led to a worse one. The others: 325 and 324.
 STARTS = (
+    Start("steep transition", 27.0, 80.0, 1.0, (45.0, 12.0, 90.0)),
     Start("long stroke", 27.0, 70.0, 1.0, (45.0, 8.0, 45.0)),
     Start("short cycle", 22.0, 40.0, 0.2, (15.0, 4.0, 20.0)),
-    Start("steep transition", 27.0, 80.0, 1.0, (45.0, 12.0, 90.0)),
 )
 
 #: Duration of a turn at the start, and its climb as a share of that to the end of the retraction.

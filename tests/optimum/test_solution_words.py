@@ -96,6 +96,7 @@ def test_every_start_without_an_optimum_is_named(a_step: Any) -> None:
         "1 of 2 starts led to 1 local optimum; none from 'short cycle' (Restoration_Failed)"
     )
     assert starts_check([1000.0, 1000.0]).text == "2 of 2 starts led to 1 local optimum"
+    assert starts_check([1000.0]).text == "solved from one start; a full certificate has a second opinion"
 
 
 @pytest.mark.parametrize("certificate", ["quick", "full"])
