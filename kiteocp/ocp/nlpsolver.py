@@ -34,6 +34,9 @@ DEFAULT_IPOPT_OPTIONS: Mapping[str, Any] = {
 }
 """Options of IPOPT, see https://coin-or.github.io/Ipopt/OPTIONS.html."""
 
+STOPPED = "Stopped_Early"
+"""Our word for a solution that was ended because it took longer than the caller had patience for."""
+
 INFEASIBLE = "Infeasible_Problem_Detected"
 """IPOPT's word for a point where the violation of the constraints has a local minimum above zero."""
 
@@ -73,10 +76,17 @@ cost less than 1 % of a solution. Iterations of larger programs take longer: the
 
 
 class _Watch(ca.Callback):
-    """Ends a solution when the calculation is interrupted."""
+    """Ends a solution when the calculation is interrupted, or has looked for the solution long enough.
+
+    Attributes
+    ----------
+    looks
+        How often it may still look before it ends the solution; None for as often as there is reason to.
+    """
 
     def __init__(self, variables: int, rows: int, parameters: int) -> None:
         super().__init__()
+        self.looks: int | None = None
         self._sizes = {"x": variables, "f": 1, "g": rows, "lam_x": variables, "lam_g": rows, "lam_p": parameters}
         self.construct("watch", {})
 
@@ -94,7 +104,9 @@ class _Watch(ca.Callback):
 
     def eval(self, _told: Any) -> list[int]:
         """Return 1 to stop."""
-        return [int(interrupted())]
+        if self.looks is not None:
+            self.looks -= 1
+        return [int(interrupted() or (self.looks is not None and self.looks < 0))]
 
 
 class Solution(msgspec.Struct, frozen=True):
@@ -160,7 +172,7 @@ class Solver:
         self.program = program
         self.options = {**DEFAULT_IPOPT_OPTIONS, **(options or {})}
         # CasADi keeps no reference to them.
-        self._watches: list[_Watch] = []
+        self._watches: dict[str, _Watch] = {}
         kept = np.ones(len(program.rows), dtype=bool)
         kept[np.asarray(deferred, dtype=np.intp)] = False
         self._kept = np.flatnonzero(kept)
@@ -195,8 +207,7 @@ class Solver:
         else:
             g = g[rows.tolist()]
             jacobian, hessian = composed.of_rows(rows.tolist())
-        watch = _Watch(nx, g.numel(), np_)
-        self._watches.append(watch)
+        watch = self._watches[name] = _Watch(nx, g.numel(), np_)
         options: dict[str, Any] = {
             "ipopt": dict(ipopt),
             "iteration_callback": watch,
@@ -222,6 +233,7 @@ class Solver:
         *,
         near: bool = False,
         deciding: bool = False,
+        patience: int | None = None,
     ) -> Solution:
         """Solve for one set of parameters.
 
@@ -239,6 +251,8 @@ class Solver:
             The start is close to a solution, as one on another mesh is: stay there.
         deciding
             With `warm`: go on until it is clear which bounds are active (`DECIDING_IPOPT_OPTIONS`).
+        patience
+            Iterations after which a cold start is given up, about; its `status` is `STOPPED` then.
 
         Returns
         -------
@@ -273,20 +287,28 @@ class Solver:
         else:
             arguments["x0"] = np.asarray(x0, dtype=float)
             if self._deferred:
-                lean = self._solve_lean(arguments, lbg, ubg)
+                lean = self._solve_lean(arguments, lbg, ubg, patience)
                 spent = int(self._lean.stats()["iter_count"])
                 # What has no feasible point without the deferred rows has none with them.
-                if lean.status == INFEASIBLE or (lean.success and self._keeps_all(lean, lbg, ubg)):
+                if lean.status in {INFEASIBLE, STOPPED} or (lean.success and self._keeps_all(lean, lbg, ubg)):
                     return replace(lean, time_s=time.perf_counter() - began)
                 if lean.success:
                     arguments["x0"] = lean.x
             solver = self._cold
+            self._be_patient(solver, patience)
             result = solver(**arguments, lbg=lbg, ubg=ubg)
         solution = _solution(solver, result, parameters)
         return replace(solution, iterations=spent + solution.iterations, time_s=time.perf_counter() - began)
 
-    def _solve_lean(self, arguments: Mapping[str, Any], lbg: FloatArray, ubg: FloatArray) -> Solution:
+    def _be_patient(self, solver: Any, patience: int | None) -> None:
+        every = WATCHED_EVERY if len(self.program.variables) <= WATCHED_VARIABLES else 1
+        self._watches[solver.name()].looks = None if patience is None else patience // every
+
+    def _solve_lean(
+        self, arguments: Mapping[str, Any], lbg: FloatArray, ubg: FloatArray, patience: int | None
+    ) -> Solution:
         """Solve without the deferred rows, whose multipliers are zero."""
+        self._be_patient(self._lean, patience)
         result = self._lean(**arguments, lbg=lbg[self._kept], ubg=ubg[self._kept])
         solution = _solution(self._lean, result, arguments["p"])
         multipliers = np.zeros(len(self.program.rows))
@@ -310,7 +332,7 @@ def _solution(solver: Any, result: Mapping[str, Any], parameters: FloatArray) ->
     return Solution(
         x, objective, g, lam_x, lam_g, parameters,
         success=bool(statistics["success"]) and math.isfinite(objective),
-        status=str(statistics["return_status"]),
+        status=STOPPED if statistics["return_status"] == "User_Requested_Stop" else str(statistics["return_status"]),
         iterations=int(statistics["iter_count"]),
         time_s=0.0,
     )  # fmt: skip

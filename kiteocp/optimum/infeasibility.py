@@ -32,8 +32,10 @@ INTERVALS, DEGREE = (3, 2, 2, 2), 3
 #: own rest is 1e-6.
 NOTHING = 1e-4
 
-#: Starts that must agree on the joint optimum, and how many are drawn to get them.
+#: Starts that a joint optimum is sought from, and how many are drawn to get them; fewer where the two best agree on the
+#: sum of slacks to this share.
 STARTS_WANTED, STARTS_TRIED = 5, 8
+SAME_TOTAL = 1e-3
 
 #: Factors of the wind at which a cycle is looked for where there is none to begin with.
 WIND_FACTORS = (2.0, 4.0, 8.0, 16.0, 32.0)
@@ -45,7 +47,7 @@ NO_PART = 1e-3
 BITES = 0.1
 
 
-def explain(values: ParameterValues, formulation: Formulation) -> Infeasibility:
+def explain(values: ParameterValues, formulation: Formulation, *, conflict: bool = True) -> Infeasibility:
     """Say why no cycle was found; to be asked only after every start has failed.
 
     Parameters
@@ -54,6 +56,8 @@ def explain(values: ParameterValues, formulation: Formulation) -> Infeasibility:
         The problem's numbers.
     formulation
         Its choices; the mesh is replaced by a coarse one, and the equilibrium is the implicit one, which forgives more.
+    conflict
+        Look for the limits in conflict; without, only whether there is a cycle.
 
     Returns
     -------
@@ -61,7 +65,7 @@ def explain(values: ParameterValues, formulation: Formulation) -> Infeasibility:
         With a `start` if the elastic optimum vanishes, that is if a cycle exists after all; where no solution is
         found from it either, `kiteocp.optimum.relaxations.penalised_optimum` finds one.
     """
-    return _Search(values, formulation).answer()
+    return _Search(values, formulation).answer(conflict)
 
 
 class _Repair(msgspec.Struct):
@@ -82,7 +86,7 @@ class _Search:
         self.limits = [r.name for r in self.elastic.terms if r.name not in (WIND_UP, WIND_DOWN)]
         self.starts = 0
 
-    def answer(self) -> Infeasibility:
+    def answer(self, with_conflict: bool) -> Infeasibility:
         """Find the joint optimum, the limits in conflict, what each alone would need, and the wind."""
         joint = self.joint()
         if joint is None:
@@ -96,6 +100,9 @@ class _Search:
                 starts=self.starts,
                 start=self.trajectory(joint.found),
             )
+        if not with_conflict:
+            sentence = "no cycle keeps all limits (kiteocp solve says which of them are in conflict)"
+            return Infeasibility(sentence, (), elastic_sum=total, starts=self.starts)
         # What the limits cannot repair together is not their conflict.
         alone, keys = self.smallest_conflict(joint.found) if joint.complete else ({}, [])
         conflict = sorted(
@@ -130,7 +137,9 @@ class _Search:
                 calm = calm or repair is not None
             if repair is not None:
                 found.append(repair)
-            if len(found) == STARTS_WANTED or (found and sum(found[-1].found.slacks.values()) < NOTHING):
+            totals = sorted(sum(one.found.slacks.values()) for one in found)
+            agreed = len(totals) > 1 and totals[1] <= (1.0 + SAME_TOTAL) * totals[0]
+            if len(found) == STARTS_WANTED or agreed or (totals and totals[0] < NOTHING):
                 break
         self.starts = len(found)
         return min(found, key=lambda r: (not r.complete, sum(r.found.slacks.values())), default=None)

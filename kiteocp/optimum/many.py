@@ -61,7 +61,8 @@ def solve_many(
     -------
     list of Result or SolveError
         In the order of the problems: as `kiteocp.solve` returns it, without the prescribed cycle beside it; or the
-        error that it would raise, `kiteocp.errors.InfeasibleError` where no cycle keeps the limits.
+        error that it would raise, `kiteocp.errors.InfeasibleError` where no cycle keeps the limits; that does not look
+        for the limits in conflict, which takes seconds and `kiteocp.solve` does.
 
     Raises
     ------
@@ -102,7 +103,7 @@ def _solve_family(
     solved: dict[int, Solution | None] = {}
     for first in order:
         try:
-            family = Family.around(problems[first])
+            family = Family.around(problems[first], explained=False)
         except SolveError as error:
             solved[first] = None
             keep(places[first], (error, None))

@@ -49,8 +49,8 @@ class Family(msgspec.Struct, frozen=True, eq=False, dict=True):
     optima: tuple[Solution, ...]
 
     @classmethod
-    def around(cls, problem: Problem) -> Family:
-        """Solve a problem from all starts.
+    def around(cls, problem: Problem, *, explained: bool = True) -> Family:
+        """Solve a problem from all starts; where it has no cycle, look for the limits in conflict if asked to.
 
         Raises
         ------
@@ -58,7 +58,7 @@ class Family(msgspec.Struct, frozen=True, eq=False, dict=True):
             It has no optimum.
         """
         values, formulation, options = parameter_values(problem), Formulation.of(problem), solver_options(problem)
-        attempts = search(values, formulation, options)
+        attempts = search(values, formulation, options, explained=explained)
         found: list[Solution] = []
         for attempt in sorted(
             (attempt for attempt in attempts if attempt.solution.success), key=lambda attempt: attempt.solution.f
@@ -162,4 +162,4 @@ def optimise_near(
         optimum = certified(problem, attempts, certificate)
         if optimum.certificate.passed:
             return optimum
-    return optimise(problem, certificate=certificate)
+    return optimise(problem, certificate=certificate, explained=False)

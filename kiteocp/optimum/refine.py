@@ -167,8 +167,15 @@ class Optimum(msgspec.Struct, frozen=True):
 
 
 @one_at_a_time
-def optimise(problem: Problem, *, certificate: Level = "full") -> Optimum:
+def optimise(problem: Problem, *, certificate: Level = "full", explained: bool = True) -> Optimum:
     """Find and certify the optimal cycle; `kiteocp.optimum.solve.solve` puts it into a result.
+
+    Parameters
+    ----------
+    problem, certificate
+        As for `kiteocp.optimum.solve.solve`.
+    explained
+        Where there is no cycle, look for the limits in conflict.
 
     Raises
     ------
@@ -177,7 +184,13 @@ def optimise(problem: Problem, *, certificate: Level = "full") -> Optimum:
     """
     check_word("certificate", certificate, get_args(Level))
     values = parameter_values(problem)
-    attempts = search(values, Formulation.of(problem), solver_options(problem), second_opinion=certificate == "full")
+    attempts = search(
+        values,
+        Formulation.of(problem),
+        solver_options(problem),
+        second_opinion=certificate == "full",
+        explained=explained,
+    )
     return certified(problem, attempts, certificate)
 
 
@@ -268,7 +281,7 @@ def _made_useful(optimum: Optimum, meshes: list[MeshSolution], options: Options)
             break
         finer = optimum.formulation.refined()
         try:
-            attempts = search(values, finer, options)
+            attempts = search(values, finer, options, explained=False)
         except SolveError:
             break
         solver = cycle_solver(values.structure, finer, options)

@@ -18,7 +18,7 @@ from kiteocp.cycle import weight
 from kiteocp.cycle.weight import CARRIED, carried_share, uncarried_weight
 from kiteocp.errors import InfeasibleError, NoEquilibriumError
 from kiteocp.optimum.program import Formulation
-from kiteocp.optimum.search import cycle_solver, solve_from_starts, solver_options
+from kiteocp.optimum.search import attempts_from_starts, cycle_solver, solver_options
 from kiteocp.physics.flight import flight_state
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.physics.wind import in_wind
@@ -117,7 +117,7 @@ def _solved(problem: Problem) -> bool:
     """Whether any start leads to a cycle, the shortcut not being asked."""
     formulation, options = Formulation.of(problem), solver_options(problem)
     values = parameter_values(problem)
-    attempts = solve_from_starts(cycle_solver(values.structure, formulation, options), values)
+    attempts = list(attempts_from_starts(cycle_solver(values.structure, formulation, options), values))
     return any(attempt.solution.success for attempt in attempts)
 
 

@@ -62,7 +62,8 @@ def solves(values: ParameterValues, start: Trajectory | None = None) -> bool:
 def test_after_each_relaxation_and_not_before_it_a_cycle_exists(cause: str) -> None:
     values, found = values_of(CAUSES[cause]), explained(cause)
     assert found.start is None
-    assert found.starts == 5
+    # Two that agree are enough; five are drawn where none do.
+    assert 2 <= found.starts <= 5
     best = next(entry for entry in found.conflict if entry.alone)
     assert best.needed is not None
     step = EDGE * loosening(best.key)

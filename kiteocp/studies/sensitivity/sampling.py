@@ -184,7 +184,7 @@ class Resolver(msgspec.Struct, frozen=True, dict=True):
 
     def _cold(self, values: ParameterValues) -> float | Literal["infeasible", "failed"]:
         try:
-            solution = best_of(search(values, self.formulation, solver_options(self.problem))).solution
+            solution = best_of(search(values, self.formulation, solver_options(self.problem), explained=False)).solution
         except SolveError as error:
             return "infeasible" if error.explanation else "failed"
         except ValueError:

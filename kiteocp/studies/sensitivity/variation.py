@@ -213,8 +213,8 @@ def _better(one: Optimum, other: Optimum) -> bool:
 def _cold(problem: Problem) -> Optimum | str:
     """Return the optimum from all starts, on a finer mesh where that of the file does not pass; or the status."""
     try:
-        found = optimise(problem, certificate="quick")
-        return found if found.certificate.passed else optimise(problem, certificate="full")
+        found = optimise(problem, certificate="quick", explained=False)
+        return found if found.certificate.passed else optimise(problem, certificate="full", explained=False)
     except SolveError as error:
         return "infeasible" if error.explanation else "failed"
 
