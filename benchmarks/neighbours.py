@@ -77,7 +77,8 @@ def compare(name: str, count: int, jobs: int) -> str:
     return (
         f"{name}: {cycles} cycles of {count}, {each_ms:.1f} ms each with {jobs} jobs "
         f"({ways['sqp']} by SQP, {ways['ipopt']} by IPOPT); {len(missed)} missed {missed}, {len(worse)} worse than the "
-        f"best of all starts by more than {SAME:g} {[(place, round(share, 4)) for place, share in worse]}, {better} better"
+        f"best of all starts by more than {SAME:g} {[(place, round(share, 4)) for place, share in worse]}, "
+        f"{better} better"
     )
 
 

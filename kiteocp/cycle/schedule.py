@@ -27,7 +27,8 @@ from kiteocp.numerics.buffered import BufferedFunction
 from kiteocp.numerics.integrator import IntegrationError, Integrator
 from kiteocp.physics.equilibrium import OUTPUTS, outputs_of
 from kiteocp.physics.model import LocalConditions, Model
-from kiteocp.physics.parameters import Parameters, ParameterValues, Structure, parameters_of
+from kiteocp.physics.parameters import Parameters, ParameterValues, Structure
+from kiteocp.physics.wind import prepared, prepared_parameters
 
 #: What a schedule may give; the first is always given, the others where the phase does not prescribe them.
 FORCE = "radial_ground_force"
@@ -95,9 +96,9 @@ class Schedule(msgspec.Struct, frozen=True):
 
 
 class ScheduleFunctions(msgspec.Struct, frozen=True):
-    """CasADi functions of a phase flown by a schedule; the parameters are the problem's and one piece's.
+    """CasADi functions of a phase flown by a schedule; p are the prepared numbers (`kiteocp.physics.wind.prepared`).
 
-    ``rates(state, p and piece)``; ``outputs(tether length, elevation, scheduled quantities, p)``.
+    ``rates(state, p and one piece)``; ``outputs(tether length, elevation, scheduled quantities, p)``.
     """
 
     rates: ca.Function
@@ -107,7 +108,7 @@ class ScheduleFunctions(msgspec.Struct, frozen=True):
 @lru_cache(maxsize=64)
 def schedule_functions(structure: Structure, name: PhaseName, quantities: tuple[str, ...]) -> ScheduleFunctions:
     """Build (once) the functions of a phase for a set of scheduled quantities."""
-    kind, parameters = KINDS[name], parameters_of(structure)
+    kind, (parameters, everything) = KINDS[name], prepared_parameters(structure)
     model = Model(parameters)
     length, elevation = ca.SX.sym("tether_length"), ca.SX.sym("elevation")
     scheduled = {quantity: ca.SX.sym(quantity) for quantity in quantities}
@@ -129,7 +130,7 @@ def schedule_functions(structure: Structure, name: PhaseName, quantities: tuple[
     outputs = outputs_of(flight)
     point = ca.Function(
         "point",
-        [length, elevation, values, parameters.vector],
+        [length, elevation, values, everything],
         [
             ca.densify(ca.vertcat(flight.reeling_speed, rate, flight.power)),
             ca.densify(ca.vertcat(*(outputs[output] for output in OUTPUTS))),
@@ -140,13 +141,13 @@ def schedule_functions(structure: Structure, name: PhaseName, quantities: tuple[
     s = (state[0] - piece[0]) / piece[1]
     powers = ca.vertcat(*(s**k for k in range(COEFFICIENTS)))
     table = ca.reshape(piece[2:], COEFFICIENTS, len(quantities))
-    movement, _ = point(state[1], state[2], table.T @ powers, parameters.vector)
-    arguments = ca.vertcat(parameters.vector, piece)
+    movement, _ = point(state[1], state[2], table.T @ powers, everything)
+    arguments = ca.vertcat(everything, piece)
     rates = ca.Function("rates", [state, arguments], [ca.densify(ca.vertcat(1.0, movement))])
     at = ca.Function(
         "outputs",
-        [length, elevation, values, parameters.vector],
-        [point(length, elevation, values, parameters.vector)[1]],
+        [length, elevation, values, everything],
+        [point(length, elevation, values, everything)[1]],
     )
     return ScheduleFunctions(rates, at)
 
@@ -182,9 +183,9 @@ def fly_schedule(
     """
     integrator = _integrator(values.structure, schedule.name, schedule.quantities)
     state = np.array([0.0, tether_length_m, elevation_rad, 0.0])
-    states = [state[None, :]]
+    states, numbers = [state[None, :]], prepared(values)
     for index in range(schedule.borders_s.size - 1):
-        arguments = np.concatenate([values.vector, schedule.piece(index)])
+        arguments = np.concatenate([numbers, schedule.piece(index)])
         try:
             end = float(schedule.borders_s[index + 1])
             flown = integrator.run(state, arguments, end, end)
@@ -212,7 +213,7 @@ def outputs_on_schedule(
     """Evaluate the quantities of `OUTPUTS` along a phase, shape (len(OUTPUTS), n), from the place and the schedule."""
     scheduled = np.column_stack([schedule.value(name, time_s) for name in schedule.quantities])
     mapped = _outputs_at(values.structure, schedule.name, schedule.quantities, time_s.size)
-    found = mapped(tether_length_m, elevation_rad, scheduled.ravel(), values.vector)
+    found = mapped(tether_length_m, elevation_rad, scheduled.ravel(), prepared(values))
     return found.reshape(time_s.size, len(OUTPUTS)).T.copy()
 
 

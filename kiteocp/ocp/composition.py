@@ -63,11 +63,11 @@ class PointBlock(msgspec.Struct, frozen=True, eq=False):
         used = np.flatnonzero(depends.reshape(self.points, -1).any(axis=0))
         return PointBlock(self.model, self.variables, self.fractions, self.outputs, tuple(map(int, used)))
 
-    def over_points(self, function: Any, x: Any, p: Any, *weights: Any) -> Any:
+    def over_points(self, function: Any, x: Any, q: Any, *weights: Any) -> Any:
         """Evaluate a function of `PointModel` at all points: each result of a point beside that of the one before."""
         mapped = function.map(f"{function.name()}_all", "serial", self.points, [2], [])
         variables = ca.reshape(x[self.variables.T.ravel().tolist()], *self.variables.shape)
-        return mapped(variables, self.fractions[None, :], p, *weights)
+        return mapped(variables, self.fractions[None, :], q, *weights)
 
     def places(self, shared: NDArray[np.intp]) -> NDArray[np.intp]:
         """Index of the variables of each point, then of what all points share, shape (both, points)."""
@@ -85,9 +85,14 @@ class Composition:
         ``SX``: objective and rows, as expressions of x, p and the outputs of the blocks.
     blocks
         Where the outputs come from; without any this is an ordinary program.
+    point_parameters
+        CasADi function from p to what the models of the points take: p, and what follows from it alone.
     """
 
-    def __init__(self, x: Any, p: Any, f: Any, g: Any, blocks: Sequence[PointBlock] = ()) -> None:
+    def __init__(
+        self, x: Any, p: Any, f: Any, g: Any, blocks: Sequence[PointBlock] = (), point_parameters: Any = None
+    ) -> None:
+        self._point_parameters = point_parameters or ca.Function("point_parameters", [p], [p])
         self.x, self.p, self.f, self.g = x, p, ca.densify(f), ca.densify(g)
         kept = [block.needed_for(ca.vertcat(f, g)) for block in blocks]
         self.blocks = [block for block in kept if block.used]
@@ -98,11 +103,11 @@ class Composition:
     @cached_property
     def expressions(self) -> tuple[Any, Any]:
         """Objective and rows as ``SX`` expressions of x and p alone."""
-        outputs = []
+        outputs, q = [], self._point_parameters(self.p)
         for block in self.blocks:
             point = block.model.values(block.used)
             for variables, fraction in zip(block.variables.T, block.fractions, strict=True):
-                outputs += point.call([self.x[variables.tolist()], fraction, self.p])
+                outputs += point.call([self.x[variables.tolist()], fraction, q])
         f, g = self._light.call([self.x, ca.vertcat(ca.SX(0, 1), *outputs), self.p])
         return f, g
 
@@ -158,22 +163,47 @@ class Composition:
         lam_g = ca.MX.sym("lam_g", self.g.numel())
         both = _Chain(self, with_parameters=True)
         hessian = ca.triu2symm(both.hessian(x, p, ca.MX(1.0), lam_g))
+        jacobian = both.rows(x, p)[1]
+        if self._derived:
+            # From the parameters of the points to those of the program.
+            nx = self.x.numel()
+            slopes, bent = self._of_parameters(p, self._lagrangian_slopes(x, p, lam_g)[nx:])
+            way = ca.diagcat(ca.MX.eye(nx), slopes)
+            hessian = way.T @ hessian @ way + ca.diagcat(ca.MX(nx, nx), bent)
+            jacobian = jacobian @ way
         gradient = ca.vertcat(*self.lagrangian_gradient(x, p, lam_g))
-        return ca.Function("first_order", [x, p, lam_g], [gradient, hessian, both.rows(x, p)[1]])
+        return ca.Function("first_order", [x, p, lam_g], [gradient, hessian, jacobian])
 
     @cached_property
     def lagrangian_gradient(self) -> Any:
         """``(x, p, lam_g) -> gradient of f + lam_g' g to x, and to p``."""
         x, p = self._arguments
         lam_g = ca.MX.sym("lam_g", self.g.numel())
+        total, nx = self._lagrangian_slopes(x, p, lam_g), self.x.numel()
+        to_p = self._of_parameters(p, total[nx:])[0].T @ total[nx:] if self._derived else total[nx:]
+        return ca.Function("lagrangian_gradient", [x, p, lam_g], [total[:nx], to_p])
+
+    def _lagrangian_slopes(self, x: Any, p: Any, lam_g: Any) -> Any:
+        """Return the gradient of f + lam_g' g to x and the parameters of the points, in terms of `_arguments`."""
         lagrangian = self.f + ca.dot(self.lam_g, self.g)
-        both = ca.vertcat(self.x, self.p)
+        derived = ca.SX.sym("derived", self._derived)
+        both = ca.vertcat(self.x, self.p, derived)
         own, mu = ca.Function(
             "light_gradient", [self.x, self.w, self.p, self.lam_g], _gradients(lagrangian, both, self.w)
         ).call([x, self._outputs, p, lam_g])
-        total = own + self._swept(mu, with_parameters=True)
-        nx = self.x.numel()
-        return ca.Function("lagrangian_gradient", [x, p, lam_g], [total[:nx], total[nx:]])
+        return own + self._swept(mu, with_parameters=True)
+
+    @property
+    def _derived(self) -> int:
+        """How many of the points' parameters are derived from those of the program."""
+        return int(self._point_parameters.numel_out(0)) - int(self.p.numel())
+
+    @cached_property
+    def _of_parameters(self) -> Any:
+        """``(p, weights) -> derivatives of the points' parameters to p, second ones of their weighted sum``."""
+        (q,), weights = self._point_parameters.call([self.p]), ca.SX.sym("weights", self.p.numel() + self._derived)
+        bent, _ = ca.hessian(ca.dot(weights, q), self.p)
+        return ca.Function("of_parameters", [self.p, weights], [ca.jacobian(q, self.p), bent])
 
     @cached_property
     def _arguments(self) -> tuple[Any, Any]:
@@ -186,7 +216,9 @@ class Composition:
     @cached_property
     def _outputs(self) -> Any:
         """Outputs of all points, a column, in terms of `_arguments`."""
-        found = (ca.vec(block.over_points(block.model.values(block.used), *self._arguments)) for block in self.blocks)
+        x, p = self._arguments
+        q = self._point_parameters(p)
+        found = (ca.vec(block.over_points(block.model.values(block.used), x, q)) for block in self.blocks)
         return ca.vertcat(ca.MX(0, 1), *found)
 
     @cached_property
@@ -195,12 +227,13 @@ class Composition:
 
     def _swept(self, mu: Any, *, with_parameters: bool = False) -> Any:
         """Return W_x' mu (or to x and p): the part of a gradient that goes through the points."""
-        nx = self.x.numel()
-        shared = np.arange(nx, nx + self.p.numel() if with_parameters else nx, dtype=np.intp)
+        nx, (x, p) = self.x.numel(), self._arguments
+        q = self._point_parameters(p)
+        shared = np.arange(nx, nx + q.numel() if with_parameters else nx, dtype=np.intp)
         total = ca.MX.zeros(nx + shared.size, 1)
         for block, weights in zip(self.blocks, self.by_block(mu), strict=True):
             sweep = block.model.sweep(block.used, with_parameters)
-            found = block.over_points(sweep, *self._arguments, weights)
+            found = block.over_points(sweep, x, q, weights)
             places = block.places(shared).T.ravel()
             # Rows of the sum, columns of the parts.
             pattern = ca.Sparsity.triplet(nx + shared.size, places.size, places.tolist(), list(range(places.size)))
@@ -219,7 +252,9 @@ class _Chain:
 
     def __init__(self, owner: Composition, *, with_parameters: bool = False) -> None:
         self._owner, self._with_parameters = owner, with_parameters
-        self._u = ca.vertcat(owner.x, owner.p) if with_parameters else owner.x
+        # What is derived from the parameters stands beside them; the expressions of the program do not know it.
+        derived = ca.SX.sym("derived", owner._derived)
+        self._u = ca.vertcat(owner.x, owner.p, derived) if with_parameters else owner.x
         nx = owner.x.numel()
         self._shared = np.arange(nx, self._u.numel(), dtype=np.intp)
         self._slopes = [block.model.slopes(block.used, with_parameters) for block in owner.blocks]
@@ -262,11 +297,12 @@ class _Chain:
         total = own + mixed + mixed.T + self._w_u.T @ ca.jacobian(mu, owner.w) @ self._w_u
         light = [owner.x, owner.w, owner.p, owner.lam_f, owner.lam_g]
         w, slopes = self._points(x, p)
+        q = owner._point_parameters(p)
         weights = ca.Function("weights", light, [ca.densify(mu)])(x, w, p, lam_f, lam_g)
         curvatures, symbols = [], []
         for block, weight in zip(owner.blocks, owner.by_block(weights), strict=True):
             function = block.model.curvature(block.used, self._with_parameters)
-            curvatures.append(block.over_points(function, x, p, weight))
+            curvatures.append(block.over_points(function, x, q, weight))
             pattern = function.sparsity_out(0)
             symbols.append(ca.SX.sym("curvature", ca.repmat(pattern, 1, block.points)))
             row, column = (np.array(part, dtype=np.intp) for part in pattern.get_triplet())
@@ -279,7 +315,8 @@ class _Chain:
     def _points(self, x: Any, p: Any) -> tuple[Any, list[Any]]:
         """Evaluate the outputs of all points, a column, and their slopes, block by block."""
         owner = self._owner
-        found = [block.over_points(f, x, p) for block, f in zip(owner.blocks, self._slopes, strict=True)]
+        q = owner._point_parameters(p)
+        found = [block.over_points(f, x, q) for block, f in zip(owner.blocks, self._slopes, strict=True)]
         return ca.vertcat(ca.MX(0, 1), *(ca.vec(w) for w, _ in found)), [slopes for _, slopes in found]
 
 

@@ -7,6 +7,8 @@ solvers. See `kiteocp.ocp.transcription` for the whole picture and an example.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import cached_property
+from typing import Any
 
 import casadi as ca
 import msgspec
@@ -192,7 +194,7 @@ class Phase:
                 )
 
 
-class OptimalControlProblem(msgspec.Struct, frozen=True, eq=False):
+class OptimalControlProblem(msgspec.Struct, frozen=True, eq=False, dict=True):
     """Phases, what links them, and what to minimise.
 
     Attributes
@@ -209,6 +211,9 @@ class OptimalControlProblem(msgspec.Struct, frozen=True, eq=False):
         Column vector of ``SX`` symbols, the numbers that may change from solve to solve.
     objective_unit
         What an objective of one is in the unit of the problem; negative where that is to be as large as possible.
+    derived
+        Symbols (a column) and their expressions (of the parameters alone) that the models of the phases use: what is
+        computed once for all points. Objective, links and bounds use the parameters themselves.
 
     """
 
@@ -218,6 +223,14 @@ class OptimalControlProblem(msgspec.Struct, frozen=True, eq=False):
     statics: Sequence[Static] = ()
     parameters: Expression = msgspec.field(default_factory=lambda: ca.SX(0, 1))
     objective_unit: float = 1.0
+    derived: tuple[Expression, Expression] = msgspec.field(default_factory=lambda: (ca.SX(0, 1), ca.SX(0, 1)))
+
+    @cached_property
+    def point_parameters(self) -> Any:
+        """``p -> parameters and what is derived from them``, which the models of the phases take."""
+        parameters = ca.SX(self.parameters)
+        everything = ca.vertcat(parameters, ca.densify(self.derived[1]))
+        return ca.Function("point_parameters", [parameters], [everything], {"cse": True})
 
     def __post_init__(self) -> None:
         for kind, names in (

@@ -178,17 +178,19 @@ class NonlinearProgram(msgspec.Struct, frozen=True, eq=False):
         """
         values, parameters = np.asarray(x, dtype=float) * self.scales, np.asarray(p, dtype=float).ravel()
         statics = values[: len(self.problem.statics)]
+        shared = np.asarray(self.problem.point_parameters(parameters).full().ravel(), dtype=np.float64)
         phases = {}
         for phase in self.problem.phases:
             layout, mesh = self.layouts[phase.name], self.mesh[phase.name]
             function, duration = self.functions[phase.name], float(values[layout.duration])
             states, algebraics, controls = (values[i] for i in (layout.states, layout.algebraics, layout.controls))
             groups = [states[:, 1:], algebraics, controls]
-            outputs = call_model(function, groups, mesh.points, (duration, statics, parameters))[3]
+            outputs = call_model(function, groups, mesh.points, (duration, statics, shared))[3]
             named = dict(zip(phase.quantities, (*states, *algebraics, *controls, *outputs), strict=True))
             weights = duration * mesh.weights
             integrals = {name: float(weights @ value[-weights.size :]) for name, value in named.items()}
-            phases[phase.name] = PhaseTrajectory(phase, mesh, duration, named, integrals, statics, parameters, function)
+            fixed = statics, parameters, shared
+            phases[phase.name] = PhaseTrajectory(phase, mesh, duration, named, integrals, *fixed, function)
         return Trajectory(phases, {s.name: float(v) for s, v in zip(self.problem.statics, statics, strict=True)})
 
     def numeric_bounds(self, p: ArrayLike = ()) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

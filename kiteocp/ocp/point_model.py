@@ -15,7 +15,8 @@ from kiteocp.ocp.declaration import Expression, OptimalControlProblem, Phase
 class PointModel:
     """A phase at one point, in the variables of the program: each over its scale.
 
-    Functions take (variables of the point, fraction of the phase's duration, parameters), and some the weights of the
+    Functions take (variables of the point, fraction of the phase's duration, parameters and what is derived from them),
+    and some the weights of the
     outputs as well. The variables are states, algebraics, controls, statics and the duration, in this order; the
     outputs are derivatives, residuals, constraints and outputs of the declaration, in physical units.
 
@@ -27,8 +28,9 @@ class PointModel:
     Attributes
     ----------
     function
-        The model as it is declared: (states, algebraics, controls, time, duration, statics, parameters) ->
-        (derivatives, residuals, constraints, outputs), columns in the order of declaration, physical units.
+        The model as it is declared: (states, algebraics, controls, time, duration, statics, parameters and what is
+        derived from them) -> (derivatives, residuals, constraints, outputs), columns in the order of declaration,
+        physical units.
     outputs
         Number of outputs.
 
@@ -44,7 +46,7 @@ class PointModel:
         declared = [*phase.states, *phase.algebraics, *phase.controls, *problem.statics, phase.duration_variable]
         sizes = [len(phase.states), len(phase.algebraics), len(phase.controls), len(problem.statics), 1]
         self._variables = ca.SX.sym(f"{phase.name}.point", len(declared))
-        fraction, self._parameters = ca.SX.sym("fraction"), ca.SX(problem.parameters)
+        fraction, self._parameters = ca.SX.sym("fraction"), _parameters_of(problem)
         physical = self._variables * ca.DM([variable.scale for variable in declared])
         *groups, statics, duration = ca.vertsplit(physical, np.cumsum([0, *sizes]).tolist())
         results = self.function.call([*groups, fraction * duration, duration, statics, self._parameters])
@@ -96,7 +98,7 @@ def _point_function(problem: OptimalControlProblem, phase: Phase) -> Any:
     point, said = phase.point, phase.expressions
     groups = [column_of([point[v.name] for v in g]) for g in (phase.states, phase.algebraics, phase.controls)]
     statics = column_of([static.symbol for static in problem.statics])
-    inputs = [*groups, point.time, point.duration, statics, ca.SX(problem.parameters)]
+    inputs = [*groups, point.time, point.duration, statics, _parameters_of(problem)]
     outputs = [
         column_of([said.derivatives[v.name] for v in phase.states]),
         column_of([r.expression for r in said.residuals]),
@@ -105,6 +107,10 @@ def _point_function(problem: OptimalControlProblem, phase: Phase) -> Any:
     ]
     require_known(f"the model of phase '{phase.name}'", outputs, inputs)
     return ca.Function(f"point_{phase.name}", inputs, [ca.densify(part) for part in outputs], {"cse": True})
+
+
+def _parameters_of(problem: OptimalControlProblem) -> Any:
+    return ca.vertcat(ca.SX(problem.parameters), problem.derived[0])
 
 
 def column_of(expressions: Sequence[Expression]) -> Any:

@@ -56,8 +56,8 @@ class PhaseTrajectory(msgspec.Struct, frozen=True):
         collocation points, shape (points,).
     integrals
         Radau quadrature of every quantity over the phase.
-    statics, parameters
-        Values of the problem's statics and parameters (needed for the outputs).
+    statics, parameters, point_parameters
+        Values of the problem's statics and parameters, and what its models take of these (needed for the outputs).
     function
         The phase's model as a CasADi function, see `kiteocp.ocp.point_model.PointModel`.
 
@@ -70,6 +70,7 @@ class PhaseTrajectory(msgspec.Struct, frozen=True):
     integrals: Mapping[str, float]
     statics: FloatArray
     parameters: FloatArray
+    point_parameters: FloatArray
     function: Any
 
     @property
@@ -147,7 +148,7 @@ class PhaseTrajectory(msgspec.Struct, frozen=True):
             stack([unknowns[v.name] for v in variables], wanted.size)
             for variables in (self.phase.states, self.phase.algebraics, self.phase.controls)
         ]
-        return call_model(self.function, groups, wanted, (self.duration, self.statics, self.parameters))
+        return call_model(self.function, groups, wanted, (self.duration, self.statics, self.point_parameters))
 
     def guess(self) -> PhaseGuess:
         """Return this phase as a start for any mesh."""

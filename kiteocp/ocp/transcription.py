@@ -159,7 +159,7 @@ def transcribe(problem: OptimalControlProblem, mesh: Mapping[str, PhaseMesh]) ->
     require_known("a bound", bounds, [parameters])
     x, g = ca.vertcat(*variables.columns), ca.vertcat(*rows.columns) / rows.scales
     return NonlinearProgram(
-        composition=Composition(x, parameters, objective, g, blocks),
+        composition=Composition(x, parameters, objective, g, blocks, problem.point_parameters),
         bounds=ca.Function("bounds", [parameters], bounds, ["p"], ["lbx", "ubx", "lbg", "ubg"]),
         variables=tuple(variables.labels),
         rows=tuple(rows.labels),

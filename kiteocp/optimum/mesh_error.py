@@ -35,6 +35,7 @@ from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.nlpsolver import Solution
 from kiteocp.ocp.trajectory import PhaseTrajectory
 from kiteocp.optimum.cycle import OptimalCycle
+from kiteocp.physics.wind import prepared
 
 #: Samples of an interval: Gauss points between its ends, exact far beyond the degrees in use.
 SAMPLES = 12
@@ -167,7 +168,8 @@ def _gap(program: NonlinearProgram, solution: Solution, cycle: OptimalCycle, sam
     phase, schedule, values = samples.phase, samples.schedule, cycle.values
     count, degree = phase.mesh.intervals, phase.mesh.degree
     rates = schedule_functions(values.structure, schedule.name, schedule.quantities).rates
-    pieces = [np.concatenate([values.vector, schedule.piece(index)]) for index in range(count)]
+    numbers = prepared(values)
+    pieces = [np.concatenate([numbers, schedule.piece(index)]) for index in range(count)]
     state = np.array([samples.times_s, samples.tether_length_m, samples.elevation_rad, 0.0 * samples.times_s])
     sampled = np.asarray(rates.map(state.shape[1])(state, np.repeat(pieces, samples.weights.size, axis=0).T))
     flown = (samples.by_interval(sampled) @ samples.weights) * samples.widths_s

@@ -34,7 +34,7 @@ from kiteocp.ocp.nlp import NonlinearProgram
 from kiteocp.ocp.transcription import transcribe
 from kiteocp.optimum.phases import PhaseBuilder
 from kiteocp.physics.model import Model
-from kiteocp.physics.parameters import Structure, parameters_of
+from kiteocp.physics.parameters import Parameters, Structure
 from kiteocp.problem import Problem
 
 #: What the links that limit jumps of the reeling speed are called, before the phase.
@@ -162,7 +162,7 @@ def cycle_problem(structure: Structure, formulation: Formulation) -> OptimalCont
 
 @lru_cache(maxsize=16)
 def _declared(structure: Structure, formulation: Formulation) -> OptimalControlProblem:
-    builder = PhaseBuilder(Model(parameters_of(structure)), formulation)
+    builder = PhaseBuilder(Model(Parameters(structure, keeps_derived=True)), formulation)
     phases: list[Phase] = []
     statics: list[Static] = []
     ends: dict[str, tuple[Any, Any]] = {}
@@ -217,7 +217,13 @@ def _declared(structure: Structure, formulation: Formulation) -> OptimalControlP
     # The mean power is to be as large as possible.
     unit = -SCALES["power"]
     return OptimalControlProblem(
-        phases, energy / time / unit, links=links, statics=statics, parameters=p.vector, objective_unit=unit
+        phases,
+        energy / time / unit,
+        links=links,
+        statics=statics,
+        parameters=p.vector,
+        objective_unit=unit,
+        derived=p.all_derived,
     )
 
 

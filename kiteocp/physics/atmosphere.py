@@ -22,18 +22,46 @@ def power_law_wind_speed(height: Any, reference_speed: Any, reference_height: An
     return reference_speed * (ca.fmax(height, 1e-3) / reference_height) ** exponent
 
 
-def tabulated_wind_speed(height: Any, heights: Sequence[Any], speeds: Sequence[Any]) -> Any:
+def tabulated_wind_speed(height: Any, heights: Sequence[Any], coefficients: Any) -> Any:
     """Wind speed by monotone cubic Hermite interpolation (Fritsch and Carlson 1980), constant beyond the ends.
 
     The interpolant is continuously differentiable and nowhere leaves the range of its two neighbouring entries, so
     that it makes up no wind that the table does not have.
 
+    The numbers of the cubic that holds at a height are picked out by comparisons, a dozen operations an entry; its
+    derivatives cost nothing more, as comparisons have none.
+
     Parameters
     ----------
     height
         Height above ground, m.
-    heights, speeds
-        The table, strictly increasing heights (m) and speeds (m/s), two entries or more.
+    heights
+        Strictly increasing, m, two or more.
+    coefficients
+        Those of `table_coefficients`, which do not depend on the height.
+    """
+    inside = ca.fmin(ca.fmax(height, heights[0]), heights[-1])
+    # One where a piece has begun; exact, so that no other cubic leaves a trace.
+    begun = [1.0, *(inside > border for border in heights[1:-1]), 0.0]
+    holding = sum(
+        (now - later) * coefficients[CUBIC * piece : CUBIC * (piece + 1)]
+        for piece, (now, later) in enumerate(itertools.pairwise(begun))
+    )
+    start, value, slope, square, cube = (holding[index] for index in range(CUBIC))
+    distance = inside - start
+    return value + distance * (slope + distance * (square + distance * cube))
+
+
+#: Numbers of a cubic: where it starts, and its coefficients there, lowest first.
+CUBIC = 5
+
+
+def table_coefficients(heights: Sequence[Any], speeds: Sequence[Any]) -> Any:
+    """Return the coefficients of `tabulated_wind_speed`, cubic by cubic.
+
+    Returns
+    -------
+    column, shape (CUBIC * (entries - 1),)
     """
     steps = [upper - lower for lower, upper in itertools.pairwise(heights)]
     secants = [(b - a) / step for a, b, step in zip(speeds[:-1], speeds[1:], steps, strict=True)]
@@ -45,17 +73,17 @@ def tabulated_wind_speed(height: Any, heights: Sequence[Any], speeds: Sequence[A
         harmonic = (weight_left + weight_right) * left * right / ca.if_else(denominator == 0, 1.0, denominator)
         slopes.append(ca.if_else(left * right > 0, harmonic, 0.0))
     slopes.append(0.0)
-    result: Any = speeds[0]
-    for i, step in enumerate(steps):
-        s = ca.fmin(ca.fmax((height - heights[i]) / step, 0.0), 1.0)
-        cubic = (
-            speeds[i]
-            + step * slopes[i] * s
-            + (3 * (speeds[i + 1] - speeds[i]) - step * (2 * slopes[i] + slopes[i + 1])) * s**2
-            + (2 * (speeds[i] - speeds[i + 1]) + step * (slopes[i] + slopes[i + 1])) * s**3
+    cubics = [
+        ca.vertcat(
+            heights[i],
+            speeds[i],
+            slopes[i],
+            (3 * secants[i] - 2 * slopes[i] - slopes[i + 1]) / step,
+            (slopes[i] + slopes[i + 1] - 2 * secants[i]) / step**2,
         )
-        result = result + (cubic - speeds[i])
-    return result
+        for i, step in enumerate(steps)
+    ]
+    return ca.vertcat(*cubics)
 
 
 def air_density(height: Any, density_sea_level: Any, scale_height: Any) -> Any:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
 from typing import Any
 
@@ -105,10 +105,25 @@ def parameter_values(problem: Problem, *, gravity: bool = True) -> ParameterValu
 
 
 class Parameters:
-    """Symbols of a structure's numbers: ``parameters["kite.mass_kg"]`` is one, ``parameters.vector`` all of them."""
+    """Symbols of a structure's numbers: ``parameters["kite.mass_kg"]`` is one, ``parameters.vector`` all of them.
 
-    def __init__(self, structure: Structure, symbol: type[ca.SX] | type[ca.MX] = ca.SX) -> None:
+    Parameters
+    ----------
+    structure
+        Of the problem.
+    symbol
+        What symbols are made of.
+    keeps_derived
+        Give symbols for what is derived from the numbers alone (`derived`), so that it can be computed once for many
+        points; without, the expressions themselves.
+    """
+
+    def __init__(
+        self, structure: Structure, symbol: type[ca.SX] | type[ca.MX] = ca.SX, *, keeps_derived: bool = False
+    ) -> None:
         self.structure = structure
+        self._symbol, self._keeps_derived = symbol, keeps_derived
+        self._derived: dict[str, tuple[Any, Any]] = {}
         self.vector: Any = symbol.sym("p", len(structure.keys))
         self._symbols = dict(zip(structure.keys, ca.vertsplit(self.vector), strict=True))
 
@@ -117,6 +132,21 @@ class Parameters:
 
     def __contains__(self, key: str) -> bool:
         return key in self._symbols
+
+    def derived(self, name: str, compute: Callable[[], Any]) -> Any:
+        """Return what is computed from the numbers alone, a column; computed once for a name."""
+        if name not in self._derived:
+            expression = compute()
+            symbols = self._symbol.sym(name, expression.numel()) if self._keeps_derived else expression
+            self._derived[name] = symbols, expression
+        return self._derived[name][0]
+
+    @property
+    def all_derived(self) -> tuple[Any, Any]:
+        """Symbols of all that was derived so far, and their expressions, two columns."""
+        nothing = self._symbol(0, 1)
+        pairs = self._derived.values()
+        return ca.vertcat(nothing, *(pair[0] for pair in pairs)), ca.vertcat(nothing, *(pair[1] for pair in pairs))
 
     def series(self, key: str) -> list[Any]:
         """Return the symbols of a list in the file, in its order."""

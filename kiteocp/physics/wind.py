@@ -12,8 +12,14 @@ from typing import Any
 
 import casadi as ca
 import msgspec
+import numpy as np
 
-from kiteocp.physics.atmosphere import logarithmic_wind_speed, power_law_wind_speed, tabulated_wind_speed
+from kiteocp.physics.atmosphere import (
+    logarithmic_wind_speed,
+    power_law_wind_speed,
+    table_coefficients,
+    tabulated_wind_speed,
+)
 from kiteocp.physics.parameters import Parameters, ParameterValues, Structure, parameters_of
 from kiteocp.problem import Problem
 from kiteocp.problem.wind import LOGARITHMIC_LAW_HEIGHT_MAX_M
@@ -92,7 +98,11 @@ PROFILES: dict[str, WindProfile] = {
         words=lambda _values, number: f"{number} m/s of wind",
     ),
     "table": WindProfile(
-        lambda height, p: tabulated_wind_speed(height, p.series(f"{WIND}.heights_m"), p.series(f"{WIND}.speeds_m_s")),
+        lambda height, p: tabulated_wind_speed(
+            height,
+            p.series(f"{WIND}.heights_m"),
+            p.derived(WIND, lambda: table_coefficients(p.series(f"{WIND}.heights_m"), p.series(f"{WIND}.speeds_m_s"))),
+        ),
         reference_height=lambda numbers: _heights(numbers)[-1],
         speeds=f"{WIND}.speeds_m_s",
         words=lambda _values, number: f"a wind of up to {number} m/s",
@@ -141,6 +151,29 @@ def reference_height(numbers: Numbers) -> Any:
 def ground_height(numbers: Numbers) -> Any:
     """Height of a wind sensor at the ground where none is given: that of the profile, 10 m at most."""
     return ca.fmin(reference_height(numbers), STANDARD_HEIGHT_M)
+
+
+@lru_cache(maxsize=32)
+def prepared_parameters(structure: Structure) -> tuple[Parameters, Any]:
+    """Return symbols of a structure that keep what is derived from its numbers, and all of them, a column."""
+    parameters = Parameters(structure, keeps_derived=True)
+    profile_of(structure).speed(ca.SX.sym("height"), parameters)
+    return parameters, ca.vertcat(parameters.vector, parameters.all_derived[0])
+
+
+@lru_cache(maxsize=32)
+def _prepare(structure: Structure) -> ca.Function | None:
+    parameters, everything = prepared_parameters(structure)
+    if everything.numel() == parameters.vector.numel():
+        return None
+    derived = ca.vertcat(parameters.vector, parameters.all_derived[1])
+    return ca.Function("prepare", [parameters.vector], [derived], {"cse": True})
+
+
+def prepared(values: ParameterValues) -> np.ndarray:
+    """Return the numbers of a problem and what is derived from them, in the order of `prepared_parameters`."""
+    function = _prepare(values.structure)
+    return values.vector if function is None else np.asarray(function(values.vector), dtype=np.float64).ravel()
 
 
 @lru_cache(maxsize=32)

@@ -64,7 +64,7 @@ def test_table_through_a_problem_file(problem: kiteocp.Problem) -> None:
 
 def table_function(heights: list[float], speeds: list[float]) -> tuple[ca.Function, ca.Function]:
     z = ca.SX.sym("z")
-    speed = ca.SX(1.0) * atmosphere.tabulated_wind_speed(z, heights, speeds)
+    speed = ca.SX(1.0) * atmosphere.tabulated_wind_speed(z, heights, atmosphere.table_coefficients(heights, speeds))
     return ca.Function("wind", [z], [speed]), ca.Function("slope", [z], [ca.jacobian(speed, z)])
 
 
