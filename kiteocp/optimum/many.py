@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any, get_args
 
+import msgspec
 import numpy as np
 
 from kiteocp.errors import InputError, SolveError, check_word
@@ -13,7 +15,7 @@ from kiteocp.execution import one_at_a_time
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.nlpsolver import Solution
 from kiteocp.optimum.certificate import Level
-from kiteocp.optimum.neighbours import Family, optimise_near
+from kiteocp.optimum.neighbours import ANOTHER_KIND, Family, optimise_near
 from kiteocp.optimum.solve import result_of
 from kiteocp.physics.parameters import parameter_values
 from kiteocp.problem import Problem
@@ -24,11 +26,39 @@ from kiteocp.result import Result
 #: neighbours reaches far, but the middle is known to be the best of all starts.
 NEARER = 0.5
 
+#: A neighbour this near, over the distance to the middle, has the word which kind of cycle is the best one here.
+CLOSE = 0.25
+
+#: Neighbours among which a solution of another kind is looked for.
+NEAREST = 12
+
 #: Problems that a process takes at a time.
 CHUNK = 8
 
-#: What became of a problem, and the solution that others may start from.
-_Outcome = tuple[Result | SolveError, Solution | None]
+
+class _Start(msgspec.Struct, frozen=True):
+    """Where a problem is solved from.
+
+    Attributes
+    ----------
+    solution
+        A solution of another one.
+    known
+        The nearest one that a crude start agreed with.
+    durations
+        Of its phases, whatever their unit; shape (phases,).
+    asked
+        Whether a crude start had the word on the solution itself.
+    """
+
+    solution: Solution
+    known: Solution
+    durations: FloatArray
+    asked: bool = True
+
+
+#: What became of a problem, and where others may start from.
+_Outcome = tuple[Result | SolveError, _Start | None]
 
 
 @one_at_a_time
@@ -100,7 +130,7 @@ def _solve_family(
     points = _scaled(problems)
     family, first = None, 0
     order = np.argsort(np.linalg.norm(points - np.median(points, axis=0), axis=1), kind="stable").tolist()
-    solved: dict[int, Solution | None] = {}
+    solved: dict[int, _Start | None] = {}
     for first in order:
         try:
             family = Family.around(problems[first], explained=False)
@@ -115,42 +145,88 @@ def _solve_family(
     parents = _parents(points, rest)
     waves = list(_waves(parents, rest))
 
-    def start_of(index: int) -> Solution | None:
-        """Return the solution of the nearest ancestor that has one."""
-        while (parent := parents[index]) is not None:
-            if solved[parent] is not None:
-                return solved[parent]
-            index = parent
-        return None
+    best = _Start(family.optima[0], family.optima[0], family.durations(family.optima[0]))
+
+    def start_of(index: int) -> _Start:
+        """Return the nearest ancestor that has a solution; from afar it is the middle that kinds are compared with."""
+        ancestor = parents[index]
+        while ancestor is not None:
+            start = solved[ancestor]
+            if start is not None:
+                way, home = (float(np.linalg.norm(points[index] - points[at])) for at in (ancestor, first))
+                return start if way <= CLOSE * home else msgspec.structs.replace(start, known=best.known)
+            ancestor = parents[ancestor]
+        return best
 
     def put(index: int, outcome: _Outcome) -> None:
         solved[index] = outcome[1]
         keep(places[index], outcome)
 
-    if jobs == 1 or len(rest) <= CHUNK:
+    def put_better(index: int, outcome: _Outcome) -> None:
+        before, after = solved[index], outcome[1]
+        if before is not None and after is not None and after.solution.f < before.solution.f:
+            put(index, outcome)
+
+    with contextlib.ExitStack() as stack:
+        if jobs == 1 or len(rest) <= CHUNK:
+
+            def solve(wave: Sequence[int], starts: Mapping[int, _Start]) -> Iterator[tuple[int, _Outcome]]:
+                for index in wave:
+                    yield index, _solved(problems[index], family, starts[index], certificate)
+
+        else:
+            processes = stack.enter_context(Processes(jobs, _start_process, family, certificate))
+
+            def solve(wave: Sequence[int], starts: Mapping[int, _Start]) -> Iterator[tuple[int, _Outcome]]:
+                size = max(1, min(CHUNK, -(-len(wave) // jobs)))
+                chunks = [wave[begin : begin + size] for begin in range(0, len(wave), size)]
+                tasks = [([(problems[index], starts[index]) for index in chunk],) for chunk in chunks]
+                for place, outcomes in processes.run(_solve_in_process, tasks):
+                    yield from zip(chunks[place], outcomes, strict=True)
+
         for wave in waves:
-            for index in wave:
-                put(index, _solved(problems[index], family, start_of(index), certificate))
-        return
-    with Processes(jobs, _start_process, family, certificate) as processes:
-        for wave in waves:
-            size = max(1, min(CHUNK, -(-len(wave) // jobs)))
-            chunks = [wave[begin : begin + size] for begin in range(0, len(wave), size)]
-            tasks = [([(problems[index], start_of(index)) for index in chunk],) for chunk in chunks]
-            for place, outcomes in processes.run(_solve_in_process, tasks):
-                for index, outcome in zip(chunks[place], outcomes, strict=True):
-                    put(index, outcome)
+            for index, outcome in solve(wave, {index: start_of(index) for index in wave}):
+                put(index, outcome)
+        # Near a neighbour of another kind that kind may be the better one.
+        rivals = _rivals(points, solved)
+        for index, outcome in solve(list(rivals), rivals):
+            put_better(index, outcome)
 
 
-def _solved(problem: Problem, family: Family, start: Solution | None, certificate: Level) -> _Outcome:
+def _rivals(points: FloatArray, solved: Mapping[int, _Start | None]) -> dict[int, _Start]:
+    """Return, for problems without a second opinion, a near solution of another kind of cycle where there is one."""
+    known = {index: start for index, start in solved.items() if start is not None}
+    places = np.array(list(known))
+    if not places.size:
+        return {}
+    durations = np.log([start.durations for start in known.values()])
+    found: dict[int, _Start] = {}
+    for place, (index, start) in enumerate(known.items()):
+        if start.asked:
+            continue
+        distance = np.linalg.norm(points[places] - points[index], axis=1)
+        near = np.argsort(distance)[1 : NEAREST + 1]
+        other = near[np.abs(durations[near] - durations[place]).max(axis=1) > np.log(ANOTHER_KIND)]
+        if other.size:
+            rival = known[int(places[other[0]])]
+            # Followed as it is, whatever it turns into.
+            found[index] = msgspec.structs.replace(rival, known=rival.solution)
+    return found
+
+
+def _solved(problem: Problem, family: Family, start: _Start, certificate: Level) -> _Outcome:
     began = time.perf_counter()
     try:
-        optimum = optimise_near(problem, family, start, certificate=certificate)
+        optimum = optimise_near(problem, family, start.solution, start.known, certificate=certificate)
     except SolveError as error:
         return error, None
     result = result_of(optimum, time.perf_counter() - began, compared=False)
     # On another mesh it is no start for the others.
-    return result, optimum.solution if optimum.formulation == family.formulation else None
+    if optimum.formulation != family.formulation:
+        return result, None
+    asked = any(attempt.start not in {"neighbour", "rival"} for attempt in optimum.attempts)
+    known = optimum.solution if asked else start.known
+    return result, _Start(optimum.solution, known, family.durations(optimum.solution), asked)
 
 
 def _scaled(problems: Sequence[Problem]) -> FloatArray:
@@ -194,6 +270,6 @@ def _start_process(family: Family, certificate: Level) -> None:
     _OWN["family"], _OWN["certificate"] = family, certificate
 
 
-def _solve_in_process(tasks: Sequence[tuple[Problem, Solution | None]]) -> list[_Outcome]:
+def _solve_in_process(tasks: Sequence[tuple[Problem, _Start]]) -> list[_Outcome]:
     family, certificate = _OWN["family"], _OWN["certificate"]
     return [_solved(problem, family, start, certificate) for problem, start in tasks]

@@ -20,13 +20,17 @@ from kiteocp.ocp.nlpsolver import Solution, Solver
 from kiteocp.optimum.certificate import KKT_TOLERANCE, SAME_OPTIMUM, Level, optimality_of
 from kiteocp.optimum.program import Formulation
 from kiteocp.optimum.refine import Optimum, certified, optimise
-from kiteocp.optimum.search import Attempt, cycle_solver, search, solver_options
+from kiteocp.optimum.search import Attempt, attempts_from_starts, cycle_solver, search, solver_options
 from kiteocp.physics.parameters import ParameterValues, Structure, parameter_values
 from kiteocp.problem import Problem
 
 #: Another local optimum is followed too where it is expected to be worse by no more than this share of the power. To
 #: first order the difference of two optima over changes of 20 % is right to some per cent of the power.
 RIVAL = 0.05
+
+#: A phase that lasts longer or shorter by this factor than where a solution comes from makes it another kind of cycle:
+#: optima of two kinds trade places there, and a start has the word too.
+ANOTHER_KIND = 1.5
 
 #: Local optima that are kept, the best ones.
 MOST_OPTIMA = 3
@@ -92,8 +96,12 @@ class Family(msgspec.Struct, frozen=True, eq=False, dict=True):
         """Return what all problems of a family share."""
         return parameter_values(problem).structure, Formulation.of(problem), solver_options(problem)
 
-    def attempts(self, values: ParameterValues, start: Solution | None = None) -> list[Attempt]:
+    def attempts(
+        self, values: ParameterValues, start: Solution | None = None, known: Solution | None = None
+    ) -> list[Attempt]:
         """Solve for other numbers from a neighbour's solution, and from rivals of the best optimum.
+
+        Where that leads to another kind of cycle, also from the first of the crude starts.
 
         Parameters
         ----------
@@ -101,6 +109,8 @@ class Family(msgspec.Struct, frozen=True, eq=False, dict=True):
             The numbers.
         start
             Solution of the nearest problem that is solved; the best optimum of the family if left out.
+        known
+            The nearest solution that a crude start agreed with, or has not been asked about as nothing changed since.
 
         Returns
         -------
@@ -113,7 +123,17 @@ class Family(msgspec.Struct, frozen=True, eq=False, dict=True):
         for rival, power in zip(self.optima[1:], expected[1:], strict=True):
             if power - expected[0] <= RIVAL * abs(self.optima[0].f):
                 found += [Attempt("rival", self.solver, solution) for solution in self._followed(rival, values)]
+        if found and self._is_another_kind(found[0].solution, known or self.optima[0]):
+            found.append(next(attempts_from_starts(self.solver, values)))
         return found
+
+    def durations(self, solution: Solution) -> FloatArray:
+        """Durations of the phases of a solution, over their scales, shape (phases,)."""
+        return np.asarray(solution.x[[layout.duration for layout in self.solver.program.layouts.values()]])
+
+    def _is_another_kind(self, solution: Solution, known: Solution) -> bool:
+        ratios = self.durations(solution) / self.durations(known)
+        return bool(np.max(np.maximum(ratios, 1.0 / ratios)) > ANOTHER_KIND)
 
     def _lines(self) -> list[tuple[float, FloatArray, Solution]]:
         # A single optimum has no rivals, and needs no slopes.
@@ -139,7 +159,12 @@ def _same(one: Solution, other: Solution) -> bool:
 
 @one_at_a_time
 def optimise_near(
-    problem: Problem, family: Family, start: Solution | None = None, *, certificate: Level = "quick"
+    problem: Problem,
+    family: Family,
+    start: Solution | None = None,
+    known: Solution | None = None,
+    *,
+    certificate: Level = "quick",
 ) -> Optimum:
     """Find and certify the optimal cycle of a problem from a neighbour's; from all starts where that does not pass.
 
@@ -147,7 +172,7 @@ def optimise_near(
     ----------
     problem
         A problem that the family serves.
-    family, start
+    family, start, known
         See `Family.attempts`.
     certificate
         As for `kiteocp.optimum.refine.optimise`; ``none`` checks the first-order conditions alone.
@@ -157,7 +182,7 @@ def optimise_near(
     InfeasibleError, SolveError
         It has no optimum.
     """
-    attempts: Sequence[Attempt] = family.attempts(parameter_values(problem), start)
+    attempts: Sequence[Attempt] = family.attempts(parameter_values(problem), start, known)
     if attempts:
         optimum = certified(problem, attempts, certificate)
         if optimum.certificate.passed:
