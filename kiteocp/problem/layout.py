@@ -1,7 +1,5 @@
 """The layout of the problem file as one structure: what `Problem` adds its reading, checks and defaults to."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import msgspec

@@ -5,8 +5,6 @@ active limits and shadow prices, the sentence on limits in conflict, the checks 
 winch laws, pictures (`kiteocp.cycle.limits` has the evaluator). A new limit is a row here.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Literal
 
 import msgspec

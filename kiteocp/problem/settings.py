@@ -4,8 +4,6 @@ Defaults that follow from other keys (``derived``) are filled in by `kiteocp.pro
 are built, so that a loaded problem has a number for every key.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from msgspec import Struct

@@ -1,7 +1,5 @@
 """The blocks of the problem file that describe the kite system and the air around it."""
 
-from __future__ import annotations
-
 from typing import Annotated
 
 import msgspec

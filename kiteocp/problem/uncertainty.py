@@ -1,7 +1,5 @@
 """The ``uncertainty`` block of the problem file: how far the numbers of the file may be off."""
 
-from __future__ import annotations
-
 import math
 from typing import Annotated
 

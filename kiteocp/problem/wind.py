@@ -3,8 +3,6 @@
 What a profile means for the flight (its speed, its words, where it holds) is in `kiteocp.physics.wind`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import Annotated
