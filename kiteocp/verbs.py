@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-
-import msgspec
+from types import MappingProxyType
+from typing import NamedTuple
 
 PICTURE_FORMATS: tuple[str, ...] = ("png", "svg", "pdf")
 
 
-class Verb(msgspec.Struct, frozen=True):
-    """A verb and the files beside its ``summary.json``.
+class Verb(NamedTuple):
+    """A verb and the files beside its ``summary.json``; no msgspec, which ``--help`` need not load.
 
     Attributes
     ----------
@@ -25,7 +25,7 @@ class Verb(msgspec.Struct, frozen=True):
 
     name: str
     files: tuple[str, ...] = ()
-    pictures: Mapping[str, str | None] = msgspec.field(default_factory=dict)
+    pictures: Mapping[str, str | None] = MappingProxyType({})
 
     @property
     def patterns(self) -> tuple[str, ...]:

@@ -24,7 +24,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Write the file, unless there is one already."""
     from kiteocp.problem import problem_template  # noqa: PLC0415  (keeps --help fast)
-    from kiteocp.result import write_atomically  # noqa: PLC0415
+    from kiteocp.writing import write_atomically  # noqa: PLC0415
 
     name = arguments.name.removesuffix(".yaml")
     if not name or "/" in name or "\\" in name:

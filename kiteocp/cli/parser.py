@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import difflib
 import math
 from collections.abc import Iterable
 from typing import Any, NoReturn
@@ -30,6 +29,8 @@ class Parser(argparse.ArgumentParser):
 
 def nearest(name: str, known: Iterable[str], what: str) -> str:
     """Return the sentence for a name that is none of `known`, with the nearest or all of them."""
+    import difflib  # noqa: PLC0415  (for mistakes only)
+
     names = list(known)
     near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     hint = f"did you mean '{near[0]}'?" if near else f"known are {', '.join(names)}"

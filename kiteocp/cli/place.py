@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import re
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import msgspec
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from kiteocp.errors import InputError
 
@@ -23,7 +20,7 @@ LONGEST = 80
 _TEXTS = {"name", "description"}
 
 
-class Place(msgspec.Struct, frozen=True):
+class Place(NamedTuple):
     """A directory to write into.
 
     Attributes
@@ -38,7 +35,7 @@ class Place(msgspec.Struct, frozen=True):
     replaced: str | None = None
 
 
-class Asked(msgspec.Struct, frozen=True):
+class Asked(NamedTuple):
     """What a result is the answer to.
 
     Attributes
@@ -72,6 +69,8 @@ class Asked(msgspec.Struct, frozen=True):
     @property
     def digest(self) -> str:
         """A few characters that stand for all of it."""
+        import hashlib  # noqa: PLC0415  (loads OpenSSL)
+
         everything = [self.verb, _numbers(_plain(self.problem.to_dict())), _plain(dict(self.options))]
         return hashlib.sha256(json.dumps(everything, sort_keys=True).encode()).hexdigest()[:8]
 
@@ -109,7 +108,7 @@ def choose_place(output: str | None, asked: Asked, parent: Path, stem: str) -> P
     InputError
         The directory cannot be written to, or holds what is not an earlier result of the same verb.
     """
-    from kiteocp.result import check_writable  # noqa: PLC0415  (keeps --help fast)
+    from kiteocp.writing import check_writable  # noqa: PLC0415  (keeps --help fast)
 
     directory = Path(output) if output is not None else _folder(asked, parent, stem)
     check_writable(directory)
@@ -118,7 +117,7 @@ def choose_place(output: str | None, asked: Asked, parent: Path, stem: str) -> P
 
 def choose_paper_place(directory: Path) -> Place:
     """Return where the validation against the paper goes, whose input is always the same; errors as `choose_place`."""
-    from kiteocp.result import check_writable  # noqa: PLC0415  (keeps --help fast)
+    from kiteocp.writing import check_writable  # noqa: PLC0415  (keeps --help fast)
 
     check_writable(directory)
     return Place(directory, _replaced(directory, "validate", lambda summary: "validation" in summary))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import contextlib
-import hashlib
 import json
 import os
 from collections.abc import Callable, Iterator, Mapping
@@ -145,7 +144,7 @@ def run_study(
                 with Progress("pictures drawn") as progress:
                     pictures = draw_study(study, directory, arguments.formats or formats, written, progress)
             if document.page:
-                from kiteocp.result import write_atomically  # noqa: PLC0415
+                from kiteocp.writing import write_atomically  # noqa: PLC0415
 
                 write_atomically({directory / PAGE_FILE: document.html(pictures).encode()})
                 written.insert(1, directory / PAGE_FILE)
@@ -214,6 +213,8 @@ def _tell_written(arguments: argparse.Namespace, place: Place, files: list[Path]
 
 def digest_of(flight: Path) -> str:
     """Return the digest of a recording, empty where it cannot be read: reading it says why."""
+    import hashlib  # noqa: PLC0415  (loads OpenSSL, which few verbs need)
+
     # Unlike `Path.is_file`, this asks of any text.
     if not os.path.isfile(flight):
         return ""

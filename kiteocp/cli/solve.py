@@ -39,7 +39,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Solve, save, print, draw and, where asked to, export."""
     exports: list[WinchExport] = []
     if arguments.export is not None:
-        from kiteocp.result import check_writable  # noqa: PLC0415  (keeps --help fast)
+        from kiteocp.writing import check_writable  # noqa: PLC0415  (keeps --help fast)
 
         check_writable(Path(arguments.export))
 

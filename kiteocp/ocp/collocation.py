@@ -287,9 +287,10 @@ class PhaseMesh(msgspec.Struct, frozen=True, dict=True):
             raise ValueError("fractions of a phase must lie between 0 and 1")
         owner = np.clip(np.searchsorted(self.borders, wanted, side="left") - 1, 0, self.intervals - 1)
         matrix = np.zeros((wanted.size, columns))
-        for i in np.unique(owner):
+        # Not `np.unique`, which imports numpy.ma: 15 ms.
+        for i in sorted(set(owner.tolist())):
             rows = np.flatnonzero(owner == i)
             local = (wanted[rows] - self.borders[i]) / (self.borders[i + 1] - self.borders[i])
-            start = int(i) * self.degree
+            start = i * self.degree
             matrix[rows, start : start + nodes.size] = interpolation_matrix(nodes, local)
         return matrix

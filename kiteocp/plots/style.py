@@ -16,8 +16,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from kiteocp.errors import InputError
-from kiteocp.result import write_atomically
 from kiteocp.verbs import PICTURE_FORMATS
+from kiteocp.writing import write_atomically
 
 INK = "#222222"
 GREY = "#767676"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Callable, Iterable, Mapping
@@ -175,6 +174,8 @@ def nearest(word: str, words: Iterable[str]) -> str | None:
     shortened = [candidate for candidate in lower if len(word) >= 3 and candidate.startswith(word.lower())]
     if len(shortened) == 1:
         return lower[shortened[0]]
+    import difflib  # noqa: PLC0415  (for mistakes only)
+
     found = difflib.get_close_matches(word.lower(), list(lower), n=1, cutoff=0.6)
     return lower[found[0]] if found else None
 

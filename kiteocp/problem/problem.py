@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import hashlib
 import json
 import os
 from collections.abc import Mapping
@@ -114,6 +113,8 @@ class Problem(ProblemLayout, frozen=True, kw_only=True, forbid_unknown_fields=Tr
         """Hexadecimal SHA-256 digest of what the problem was made from: the bytes of the file and the values set."""
         if self.origin.sha256 is not None and not self.origin.set_keys:
             return self.origin.sha256
+        import hashlib  # noqa: PLC0415  (loads OpenSSL)
+
         digest = hashlib.sha256(self.origin.source)
         if self.origin.set_keys or not self.origin.source:
             digest.update(json.dumps(self.origin.given, sort_keys=True).encode())

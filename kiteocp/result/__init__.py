@@ -4,6 +4,5 @@ from kiteocp.result.channels import TIME_SERIES_CHANNELS, unit_of
 from kiteocp.result.container import Result
 from kiteocp.result.contract import STATUSES
 from kiteocp.result.loading import load_result
-from kiteocp.result.storage import check_writable, write_atomically
 
-__all__ = ["STATUSES", "TIME_SERIES_CHANNELS", "Result", "check_writable", "load_result", "unit_of", "write_atomically"]
+__all__ = ["STATUSES", "TIME_SERIES_CHANNELS", "Result", "load_result", "unit_of"]

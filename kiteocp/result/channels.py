@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable
 
 #: The columns every ``timeseries.csv`` starts with, in this order; a result may add others behind them.
@@ -97,6 +96,8 @@ def unit_of(name: str) -> str:
 def suggest(name: str, known: Iterable[str]) -> str:
     """Return ``did you mean 'x'?`` for the nearest known name, or the list of known names where none is near."""
     names = [str(item) for item in known]
+    import difflib  # noqa: PLC0415  (for mistakes only)
+
     near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
     if near:
         return f"did you mean '{near[0]}'?"

@@ -11,6 +11,10 @@ import sys
 import pytest
 
 HEAVY = ("numpy", "scipy", "casadi", "matplotlib")
+#: What a help page or a version needs none of.
+READING = ("msgspec", "yaml", "dataclasses", "difflib", "hashlib", "tempfile")
+#: What a calculation without a picture needs none of.
+DRAWING = ("matplotlib", "scipy", "PIL", "numpy.ma", "importlib.metadata", "multiprocessing")
 
 
 def run(*words, cwd=None, **options):
@@ -18,15 +22,40 @@ def run(*words, cwd=None, **options):
     return subprocess.run(command, capture_output=True, text=True, cwd=cwd, timeout=120, check=False, **options)
 
 
-def loaded_by(code):
-    program = f"{code}\nimport sys\nprint(' '.join(name for name in {HEAVY} if name in sys.modules))"
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True)
+def loaded_by(code, names=HEAVY, cwd=None):
+    program = f"{code}\nimport sys\nprint('\\n' + ' '.join(name for name in {names} if name in sys.modules))"
+    done = subprocess.run(
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=True, cwd=cwd
+    )
     return done.stdout.splitlines()[-1].split()
 
 
+def loaded_by_command(*words, names=HEAVY, cwd=None):
+    return loaded_by(f"from kiteocp.cli.main import main; main({list(words)})", names, cwd)
+
+
 def test_help_and_import_load_no_heavy_package():
-    assert loaded_by("from kiteocp.cli.main import main; main(['--help'])") == []
+    assert loaded_by_command("--help") == []
     assert loaded_by("import kiteocp; kiteocp.__version__; kiteocp.load_problem('strong-wind')") == []
+
+
+@pytest.mark.parametrize(
+    "words", [["--help"], ["--version"], ["solve", "--help"], ["new", "--help"], ["solve", "strong-wind", "--jsn"]]
+)
+def test_what_reads_no_problem_loads_nothing_to_read_one(words):
+    # A mistake may look for what was meant.
+    names = [name for name in (*HEAVY, *READING) if name != "difflib" or "--jsn" not in words]
+    assert loaded_by_command(*words, names=names) == []
+
+
+@pytest.mark.parametrize("words", [["list"], ["schema"], ["new", "mine"], ["check", "nonsense"], ["solve", "nonsense"]])
+def test_a_verb_without_numbers_loads_no_numpy(words, tmp_path):
+    assert loaded_by_command(*words, cwd=tmp_path) == []
+
+
+def test_a_calculation_without_a_picture_loads_nothing_to_draw(tmp_path):
+    words = ["solve", "strong-wind", "--no-plot", "--certificate", "quick"]
+    assert loaded_by_command(*words, names=DRAWING, cwd=tmp_path) == []
 
 
 def test_public_names_are_there_and_others_are_not():

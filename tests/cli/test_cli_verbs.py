@@ -11,9 +11,8 @@ from made_result import make_optimum, make_result
 
 import kiteocp.cycle
 import kiteocp.optimum.solve
-from kiteocp import CycleError, NoEquilibriumError, SolveError, shipped_problems
+from kiteocp import CycleError, NoEquilibriumError, SolveError, shipped_problems, writing
 from kiteocp.cli.main import main
-from kiteocp.result import storage
 
 
 @pytest.fixture(autouse=True)
@@ -123,7 +122,7 @@ def test_a_result_that_is_not_certified_is_saved_drawn_and_exit_status_1(capsys,
 
 @pytest.mark.usefixtures("made_up")
 def test_a_full_disk_is_one_sentence(capsys, monkeypatch):
-    monkeypatch.setattr(storage.os, "replace", raising(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
+    monkeypatch.setattr(writing.os, "replace", raising(OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))))
     one_sentence(capsys, main(["simulate", "strong-wind", "-o", "out"]), "No space left on device", "out")
     assert os.listdir("out") == []
 

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from made_result import make_optimum, make_result
 
-from kiteocp import InputError, Result, load_result
-from kiteocp.result import TIME_SERIES_CHANNELS, storage
+from kiteocp import InputError, Result, load_result, writing
+from kiteocp.result import TIME_SERIES_CHANNELS
 
 
 @pytest.mark.parametrize("make", [make_result, make_optimum])
@@ -64,7 +64,7 @@ def fail_with(code):
 def test_a_full_disk_leaves_what_was_there(tmp_path, monkeypatch, function):
     make_result().save(tmp_path)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
-    monkeypatch.setattr(storage.os, function, fail_with(errno.ENOSPC))
+    monkeypatch.setattr(writing.os, function, fail_with(errno.ENOSPC))
     with pytest.raises(InputError, match="No space left on device") as caught:
         make_optimum().save(tmp_path)
     assert "\n" not in str(caught.value)
@@ -75,7 +75,7 @@ def test_an_interruption_leaves_nothing_half_written(tmp_path, monkeypatch):
     def interrupt(_descriptor):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(storage.os, "fsync", interrupt)
+    monkeypatch.setattr(writing.os, "fsync", interrupt)
     with pytest.raises(KeyboardInterrupt):
         make_result().save(tmp_path)
     assert list(tmp_path.iterdir()) == []

@@ -13,7 +13,6 @@ from msgspec.structs import replace
 
 from kiteocp.cli.main import main
 from kiteocp.report.document import WIDTH, Figure, Picture
-from kiteocp.result import write_atomically
 from kiteocp.result.contract import STATUSES
 from kiteocp.studies.paper import convergence, paper
 from kiteocp.studies.paper.captions import CAPTIONS
@@ -25,6 +24,7 @@ from kiteocp.studies.paper.published import CASES
 from kiteocp.studies.paper.report import MARKS
 from kiteocp.studies.paper.tables import Comparison
 from kiteocp.verbs import verb_named
+from kiteocp.writing import write_atomically
 
 
 @pytest.fixture(scope="module")

@@ -17,7 +17,6 @@ from kiteocp.optimum.cycle import OptimalCycle
 from kiteocp.optimum.refine import Optimum, optimise
 from kiteocp.physics.wind import problem_in_wind
 from kiteocp.problem import Problem
-from kiteocp.result import write_atomically
 from kiteocp.result.contract import to_plain
 from kiteocp.result.storage import format_time_series
 from kiteocp.studies.winch.evaluation import LawEvaluation, evaluate
@@ -25,6 +24,7 @@ from kiteocp.studies.winch.flight import Switching
 from kiteocp.studies.winch.law import Kind, WinchLaw, fit_force_law, fit_length_law
 from kiteocp.studies.winch.report import format_report
 from kiteocp.studies.winch.setpoints import setpoints_over_length, setpoints_over_time
+from kiteocp.writing import write_atomically
 
 TIME_FILE, LENGTH_FILE = "setpoints_time.csv", "setpoints_length.csv"
 LAWS_FILE, REPORT_FILE = "laws.json", "report.txt"
