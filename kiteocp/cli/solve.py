@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from kiteocp.cli.output import say
 from kiteocp.cli.parser import add_calculation
 from kiteocp.cli.run import calculate
+from kiteocp.errors import InputError
 
 if TYPE_CHECKING:
     from kiteocp.problem import Problem
@@ -41,6 +42,8 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.export is not None:
         from kiteocp.writing import check_writable  # noqa: PLC0415  (keeps --help fast)
 
+        if not arguments.export:
+            raise InputError("--export: give the folder to write to")
         check_writable(Path(arguments.export))
 
     def compute(problem: Problem) -> Study:

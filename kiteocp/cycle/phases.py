@@ -67,9 +67,14 @@ PHASES: tuple[PhaseName, ...] = ("retraction", "transition", "traction")
 PHASE_CHANGES = 3
 
 
+def phases_with(turn: str) -> tuple[PhaseName, ...]:
+    """Return the phases of a cycle, the retraction first, for a word of ``optimisation.turn``."""
+    return (*PHASES, TURN.name) if turn == "flown" else PHASES
+
+
 def phases_of(structure: Structure) -> tuple[PhaseName, ...]:
-    """Return the phases of the cycle of a problem in their order, which starts with the retraction."""
-    return (*PHASES, TURN.name) if structure.choice("optimisation.turn") == "flown" else PHASES
+    """Return the phases of the cycle of a problem in their order."""
+    return phases_with(structure.choice("optimisation.turn"))
 
 
 def require_three_phases(structure: Structure, who: str) -> None:

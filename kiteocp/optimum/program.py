@@ -23,10 +23,10 @@ from kiteocp.cycle.phases import (
     PHASES,
     RETRACTION,
     TRACTION,
-    TURN,
     PhaseKind,
     PhaseName,
     pauses_after,
+    phases_with,
 )
 from kiteocp.ocp.collocation import PhaseMesh
 from kiteocp.ocp.declaration import Link, OptimalControlProblem, Phase, Static
@@ -57,8 +57,8 @@ class Formulation(msgspec.Struct, frozen=True):
     equilibrium
         ``implicit``: the inflow angle is a variable and its residual a constraint; ``explicit``: the closed form of the
         force-controlled state takes their place, fewer variables for the same optimum.
-    turn
-        Whether the cycle has a turn.
+    phases
+        Phases of the cycle in their order.
     intervals
         Mesh intervals of each phase.
     degree
@@ -72,7 +72,7 @@ class Formulation(msgspec.Struct, frozen=True):
     power_setting: str
     speed_jumps: str
     equilibrium: str
-    turn: bool
+    phases: tuple[PhaseName, ...]
     intervals: tuple[int, ...]
     degree: int
     interval_fractions: tuple[tuple[float, ...], ...] | None = None
@@ -81,22 +81,17 @@ class Formulation(msgspec.Struct, frozen=True):
     def of(cls, problem: Problem) -> Formulation:
         """Formulation that a problem file asks for."""
         given, mesh = problem.optimisation, problem.optimisation.mesh
-        names = (*PHASES, TURN.name) if given.turn == "flown" else PHASES
+        phases = phases_with(given.turn)
         return cls(
             given.objective,
             given.traction_elevation,
             given.power_setting,
             given.speed_jumps,
             given.equilibrium,
-            given.turn == "flown",
-            tuple(getattr(mesh, f"{name}_intervals") for name in names),
+            phases,
+            tuple(getattr(mesh, f"{name}_intervals") for name in phases),
             mesh.degree,
         )
-
-    @property
-    def phases(self) -> tuple[PhaseName, ...]:
-        """Phases of the cycle in their order."""
-        return (*PHASES, TURN.name) if self.turn else PHASES
 
     @property
     def points(self) -> int:
@@ -110,7 +105,7 @@ class Formulation(msgspec.Struct, frozen=True):
             self,
             traction_elevation="constant",
             power_setting="fixed",
-            turn=False,
+            phases=PHASES,
             intervals=self.intervals[:count],
             interval_fractions=None if fractions is None else fractions[:count],
         )

@@ -133,8 +133,12 @@ def jump_warnings(cycle: OptimalCycle) -> list[str]:
     """Say where the winch needs longer for a change of speed between phases than the phase-change time gives it."""
     return [
         f"from {jump['from_phase']} to {jump['to_phase']} the reeling speed jumps by {jump['jump_m_s']:+.1f} m/s, "
-        f"more than the winch can do in limits.phase_change_time_s ({jump['allowed_m_s']:g} m/s); "
-        "optimisation.speed_jumps: limited keeps to that"
+        + (
+            f"more than the winch can do in limits.phase_change_time_s ({jump['allowed_m_s']:g} m/s); "
+            if jump["allowed_m_s"] > 0.0
+            else "and no time passes between these phases (limits.phase_change_time_s is not for them); "
+        )
+        + "optimisation.speed_jumps: limited keeps to that"
         for jump in speed_jumps(cycle.records, cycle.values)
         if abs(jump["jump_m_s"]) > jump["allowed_m_s"] * (1 + 1e-6)
     ]

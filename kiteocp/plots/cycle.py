@@ -130,16 +130,17 @@ def _draw_panels(
         factor=1e-3,
     )
     draw_ground_force(force, result)
-    key, title = mean_power_of(result)
+    key, _ = mean_power_of(result)
+    electrical = key != "mean_power_W"
     draw_panel(
         power,
         result,
         prescribed,
-        "power_W",
-        "power\n(kW)",
+        "electrical_power_W" if electrical else "power_W",
+        "electrical\npower (kW)" if electrical else "power\n(kW)",
         levels.get("power", ()),
         factor=1e-3,
-        mean=(result.cycle.get(key), title.removesuffix(" power")),
+        mean=(result.cycle.get(key), "mean"),
     )
     draw_panel(elevation, result, prescribed, "elevation_deg", "elevation\n(deg)", levels.get("elevation", ()))
     for axes in (speed, power):

@@ -49,6 +49,8 @@ def write_numbers(figure: Figure, side: Any, result: Result, prescribed: Result 
 
 def _columns(result: Result) -> _Columns:
     power, title = mean_power_of(result)
+    # There is no room for more beside the duration.
+    title = title.replace("electrical", "el.")
     energy = ENERGIES[power]
     return (
         ("duration (s)", "duration_s", 1.0, 1),

@@ -154,7 +154,7 @@ class Limits(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
                 "reeling_speed",
                 gt=0,
                 phases=("traction",),
-                cannot="reel out at {} m/s or more in traction",
+                cannot="reel out at {} m/s or more",
                 needs="a slowest reel-out of {} m/s",
                 more="more minimum reel-out speed",
                 level="slowest reel-out",

@@ -267,3 +267,8 @@ def test_help_is_printed_with_status_0(capsys, words):
     out, err = capsys.readouterr()
     assert out.startswith("usage: kiteocp")
     assert err == ""
+
+
+def test_an_export_to_no_folder_is_refused(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["solve", "v3-kite", "--export", ""]) == 2
+    assert "--export: give the folder to write to" in capsys.readouterr().err

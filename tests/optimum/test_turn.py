@@ -15,6 +15,7 @@ from kiteocp.cli.main import main
 from kiteocp.cycle.remedies import explain_simulation
 from kiteocp.errors import CycleError, InputError
 from kiteocp.optimum.refine import optimise
+from kiteocp.studies.estimation.synthetic import flight_of_result
 from kiteocp.studies.sensitivity.derivatives import LocalStudy
 from kiteocp.studies.winch.export import winch_export
 
@@ -147,3 +148,15 @@ def test_the_turn_is_in_the_files_and_the_picture(tmp_path: Path) -> None:
         assert {row["phase"] for row in csv.DictReader(stream)} == {"retraction", "transition", "traction", "turn"}
     assert (out / "cycle.png").stat().st_size > 10_000
     assert (out / "winch" / "laws.json").exists()
+
+
+def test_a_synthetic_flight_of_a_turn_is_refused() -> None:
+    flown = simulate(load_problem("v3-kite", {"optimisation.turn": "flown"}))
+    with pytest.raises(InputError, match="a synthetic flight flies retraction, transition, traction only"):
+        flight_of_result(flown)
+
+
+def test_the_jump_into_the_turn_is_not_blamed_on_the_phase_change_time() -> None:
+    result = solve(load_problem("v3-kite", {"optimisation.turn": "flown"}), certificate="quick")
+    [warning] = [text for text in result.warnings if text.startswith("from traction to turn")]
+    assert "no time passes between these phases" in warning

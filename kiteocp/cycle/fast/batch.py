@@ -144,6 +144,8 @@ def _table(values: ParameterValues, parameters: Mapping[str, npt.ArrayLike]) -> 
     columns: dict[str, np.ndarray] = {}
     for key, given in parameters.items():
         if key not in values:
+            if key in (known.path for known in catalogue().walk() if known.nullable):
+                raise InputError(f"{key} is null in the problem; give it a number there first.", file="parameters")
             near = difflib.get_close_matches(key, values.structure.keys, 1)
             hint = f"did you mean {near[0]}?" if near else "give a key path of the problem file, as kite.mass_kg."
             raise InputError(f"{key} is no number of the problem; {hint}", file="parameters")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
 from kiteocp.cycle.motion import at_ground_force, motion
-from kiteocp.cycle.phases import KINDS, PHASES, PhaseName
+from kiteocp.cycle.phases import KINDS, PHASES, PhaseName, require_three_phases
 from kiteocp.errors import InputError
 from kiteocp.execution import one_at_a_time
 from kiteocp.physics.model import Model
@@ -100,10 +100,12 @@ def flight_of_result(
     Raises
     ------
     InputError
-        The result is not that of a simulation with gravity, or the sample rate or the number of cycles is not positive.
+        The result is not that of a simulation with gravity, it has a turn, or the sample rate or the number of cycles
+        is not positive.
     """
     if result.verb != "simulate" or not result.channels or not result.details["simulation"]["gravity"]:
         raise InputError(f"a flight is made from a simulation with gravity, not from a result of {result.verb}")
+    require_three_phases(parameter_values(result.problem).structure, "a synthetic flight")
     if not sample_rate_Hz > 0 or cycles < 1:
         raise InputError(f"sample_rate_Hz is {sample_rate_Hz} and cycles is {cycles}, but both must be positive")
     values = parameter_values(result.problem)
