@@ -84,7 +84,9 @@ class PointModel:
         return ca.vertcat(self._variables, self._parameters) if with_parameters else self._variables
 
     def _function(self, what: str, inputs: list[Any], outputs: list[Any]) -> Any:
-        return ca.Function(f"{what}_{self.name}", inputs, outputs, {"cse": True})
+        # The model has no common subexpressions left. Those of its derivatives are 4 %, and finding them takes as long as
+        # a solution.
+        return ca.Function(f"{what}_{self.name}", inputs, outputs)
 
 
 @lru_cache(maxsize=64)
