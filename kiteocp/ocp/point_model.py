@@ -84,8 +84,8 @@ class PointModel:
         return ca.vertcat(self._variables, self._parameters) if with_parameters else self._variables
 
     def _function(self, what: str, inputs: list[Any], outputs: list[Any]) -> Any:
-        # The model has no common subexpressions left. Those of its derivatives are 4 %, and finding them takes as long as
-        # a solution.
+        # The model has no common subexpressions left. Those of its derivatives are 4 %, and to find them takes as long
+        # as to solve.
         return ca.Function(f"{what}_{self.name}", inputs, outputs)
 
 
