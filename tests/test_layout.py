@@ -22,6 +22,7 @@ ROOMS = (
     "_version",
     "errors",
     "execution",
+    "forked",
     "writing",
     "verbs",
     "numerics",

@@ -6,8 +6,9 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from kiteocp.cli.drawing import drawing_apart
 from kiteocp.cli.parser import add_output, add_overrides, number_from_zero, positive_number
-from kiteocp.cli.run import asked_of, digest_of, load, place_of, run_study
+from kiteocp.cli.run import asked_of, digest_of, formats_of, load, place_of, run_study
 from kiteocp.errors import InputError
 
 if TYPE_CHECKING:
@@ -89,7 +90,9 @@ def run(arguments: argparse.Namespace) -> int:
         **{name.replace("_", "-"): getattr(arguments, name) for name in UNKNOWNS},
     }
     asked = asked_of(arguments, "estimate", problem, options, flight.stem)
-    return run_study(arguments, asked, place_of(arguments, asked), lambda: _estimated(arguments, problem))
+    with drawing_apart("estimate", formats_of(arguments)) as contents:
+        place = place_of(arguments, asked)
+        return run_study(arguments, asked, place, lambda: _estimated(arguments, problem), contents=contents)
 
 
 def _estimated(arguments: argparse.Namespace, problem: Problem) -> Study:

@@ -6,10 +6,11 @@ import argparse
 import contextlib
 import json
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from kiteocp.cli.drawing import drawing_apart
 from kiteocp.cli.output import complain, say
 from kiteocp.cli.place import Asked, Place, choose_place
 from kiteocp.cli.progress import Progress
@@ -18,6 +19,7 @@ from kiteocp.execution import uninterrupted
 from kiteocp.verbs import PICTURE_FORMATS
 
 if TYPE_CHECKING:
+    from kiteocp.plots.pictures import Contents
     from kiteocp.problem import Problem
     from kiteocp.result import Result
     from kiteocp.studies.protocol import Study
@@ -73,8 +75,14 @@ def calculate(
         If the problem is wrong or the directory cannot be written to.
     """
     problem = load(arguments.problem, arguments.overrides)
-    asked = asked_of(arguments, verb, problem, options)
-    return run_study(arguments, asked, place_of(arguments, asked), lambda: compute(problem))
+    with drawing_apart(verb, formats_of(arguments)) as contents:
+        asked = asked_of(arguments, verb, problem, options)
+        return run_study(arguments, asked, place_of(arguments, asked), lambda: compute(problem), contents=contents)
+
+
+def formats_of(arguments: argparse.Namespace, default: tuple[str, ...] = ("png",)) -> Sequence[str]:
+    """Return the formats of the pictures; none with ``--no-plot``."""
+    return (arguments.formats or default) if arguments.plot else ()
 
 
 def place_of(arguments: argparse.Namespace, asked: Asked) -> Place:
@@ -90,6 +98,7 @@ def run_study(
     *,
     reached: Callable[[], Study | None] = lambda: None,
     formats: tuple[str, ...] = ("png",),
+    contents: Contents | None = None,
 ) -> int:
     """Compute a study, save, print and draw it, and return the exit status.
 
@@ -110,6 +119,8 @@ def run_study(
         Returns what was reached when `compute` is interrupted, None where that is nothing.
     formats
         Of the pictures, where none is asked for.
+    contents
+        What draws, of `kiteocp.cli.drawing`; without it this process does.
 
     Returns
     -------
@@ -138,11 +149,12 @@ def run_study(
         say(json.dumps(result.summary(), indent=2, ensure_ascii=False) if arguments.json else document.text())
         try:
             pictures = []
-            if arguments.plot and study.figures():
-                from kiteocp.plots.pictures import draw_study  # noqa: PLC0415  (matplotlib only where it is wanted)
+            suffixes = formats_of(arguments, formats)
+            if suffixes and study.figures():
+                from kiteocp.plots.pictures import draw_study, drawn  # noqa: PLC0415  (only where it is wanted)
 
                 with Progress("pictures drawn") as progress:
-                    pictures = draw_study(study, directory, arguments.formats or formats, written, progress)
+                    pictures = draw_study(study, directory, suffixes, written, progress, contents or drawn)
             if document.page:
                 from kiteocp.writing import write_atomically  # noqa: PLC0415
 

@@ -6,10 +6,11 @@ import argparse
 import os
 from typing import TYPE_CHECKING
 
+from kiteocp.cli.drawing import drawing_apart
 from kiteocp.cli.output import complain
 from kiteocp.cli.parser import add_calculation
 from kiteocp.cli.progress import Progress, positive_integer
-from kiteocp.cli.run import asked_of, load, place_of, run_study
+from kiteocp.cli.run import asked_of, formats_of, load, place_of, run_study
 from kiteocp.errors import InputError
 
 if TYPE_CHECKING:
@@ -67,20 +68,22 @@ def run(arguments: argparse.Namespace) -> int:
         "simulate": arguments.forward or None,
     }
     asked = asked_of(arguments, "sensitivity", problem, options)
-    from kiteocp.studies.sensitivity.study import SensitivityStudy  # noqa: PLC0415
+    with drawing_apart("sensitivity", formats_of(arguments)) as contents:
+        from kiteocp.studies.sensitivity.study import SensitivityStudy  # noqa: PLC0415
 
-    along = _variation(problem, arguments)
-    wide = _global_options(problem, arguments) if arguments.wide else None
-    study = SensitivityStudy()
-    status = run_study(
-        arguments,
-        asked,
-        place := place_of(arguments, asked),
-        lambda: study.compute(
-            problem, Progress, intervals=arguments.intervals, along=along, wide=wide, forward=arguments.forward
-        ),
-        reached=study.interrupted,
-    )
+        along = _variation(problem, arguments)
+        wide = _global_options(problem, arguments) if arguments.wide else None
+        study = SensitivityStudy()
+        status = run_study(
+            arguments,
+            asked,
+            place := place_of(arguments, asked),
+            lambda: study.compute(
+                problem, Progress, intervals=arguments.intervals, along=along, wide=wide, forward=arguments.forward
+            ),
+            reached=study.interrupted,
+            contents=contents,
+        )
     if status == 0 and study.unflown is not None:
         complain(f"{problem.name}: {study.unflown}; the rest is saved in {place.directory}")
         return 1

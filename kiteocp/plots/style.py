@@ -1,4 +1,4 @@
-"""How every picture looks, and how it gets to disk.
+"""How every picture looks, and how it becomes a file.
 
 Colours are those of Okabe and Ito (Color Universal Design, 2008), told apart by readers with any colour vision.
 Figures are made through the object interface of matplotlib: no pyplot, no global state, no window.
@@ -7,17 +7,11 @@ Figures are made through the object interface of matplotlib: no pyplot, no globa
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-
-from kiteocp.errors import InputError
-from kiteocp.verbs import PICTURE_FORMATS
-from kiteocp.writing import write_atomically
 
 INK = "#222222"
 GREY = "#767676"
@@ -100,37 +94,6 @@ def style_axes(axes: Any) -> None:
 def phase_colour(phase: str) -> str:
     """Return the colour of a phase; one the palette does not know is blue."""
     return PHASE_COLOURS.get(phase, BLUE)
-
-
-def save_figure(figure: Figure, path: Path, formats: Sequence[str]) -> list[Path]:
-    """Write a figure in one or more formats, each whole or not at all.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-        What to write.
-    path : pathlib.Path
-        The file without its suffix.
-    formats : sequence of str
-        Of ``png``, ``svg``, ``pdf``; each becomes the suffix of one file.
-
-    Returns
-    -------
-    list of pathlib.Path
-        The files written, in the order of `formats`.
-
-    Raises
-    ------
-    InputError
-        If a format is unknown or a file cannot be written.
-    """
-    contents: dict[Path, bytes] = {}
-    for suffix in formats:
-        if suffix not in PICTURE_FORMATS:
-            raise InputError(f"picture format '{suffix}' is not known; choose from {', '.join(PICTURE_FORMATS)}")
-        contents[path.with_name(f"{path.name}.{suffix}")] = figure_bytes(figure, suffix)
-    write_atomically(contents)
-    return list(contents)
 
 
 def figure_bytes(figure: Figure, suffix: str) -> bytes:

@@ -13,7 +13,9 @@ from made_result import make_optimum, make_result
 from kiteocp import InputError
 from kiteocp.plots import draw
 from kiteocp.plots.cycle import compose_cycle, compose_optimum
+from kiteocp.plots.pictures import composer
 from kiteocp.plots.side_view import path_of, segments
+from kiteocp.verbs import VERBS
 
 
 def read_picture(path):
@@ -122,3 +124,10 @@ def test_what_cannot_be_drawn_is_one_sentence(tmp_path):
     with pytest.raises(InputError, match="picture format 'gif'"):
         draw(make_result(), tmp_path, ("gif",))
     assert list(tmp_path.iterdir()) == []
+
+
+def test_every_picture_of_a_result_has_its_composer():
+    for verb in VERBS:
+        if verb.name != "validate":
+            assert all(callable(composer(verb.name, stem)) for stem in verb.pictures)
+    assert composer("solve", "cycle") is compose_optimum
