@@ -10,7 +10,7 @@ from matplotlib.lines import Line2D
 
 from kiteocp.errors import InputError
 from kiteocp.plots.numbers import write_numbers
-from kiteocp.plots.panels import draw_ground_force, draw_panel, draw_zero, shade_phases
+from kiteocp.plots.panels import draw_ground_force, draw_panel, draw_zero, mark_times, shade_phases
 from kiteocp.plots.side_view import draw_side_view
 from kiteocp.plots.style import (
     BLUE,
@@ -151,8 +151,7 @@ def _draw_panels(
     for axes in panels:
         axes.set_xlim(start, end)
         axes.yaxis.set_label_coords(-0.105, 0.5)
-    for axes in panels[:-1]:
-        axes.tick_params(labelbottom=False)
+    mark_times(panels[:-1], elevation)
     elevation.set_xlabel("time (s)", fontsize=LABEL_SIZE)
     shade_phases(panels, result)
     force.legend(

@@ -11,6 +11,9 @@ from matplotlib.transforms import Bbox
 #: Room between two names, in points.
 _ROOM_PT = 2.0
 
+#: Alignment to the share of a text that lies left of its place, or below it.
+_SHARE_BEFORE = {"left": 0.0, "bottom": 0.0, "center": 0.5, "right": 1.0, "top": 1.0}
+
 
 def extent(text: Any) -> Bbox:
     """Return the box of a text or annotation on the page, in pixels, with a little room around it."""
@@ -52,24 +55,26 @@ def place(text: Any, places: Sequence[tuple[Any, ...]], lines: Sequence[Any], ta
     taken : sequence of matplotlib.transforms.Bbox
         Names already placed, in pixels.
     """
+    # Its size is the same everywhere, and measuring a text takes longer than all the rest.
+    size = extent(text)
+    pixels_pt = text.figure.dpi / 72.0
+    room = _ROOM_PT * pixels_pt
+    width, height = size.width - 2.0 * room, size.height - 2.0 * room
     found = []
     for rank, (point, offset, across, up) in enumerate(places):
-        _move(text, point, offset, across, up)
-        box = extent(text)
+        x, y = text.axes.transData.transform(point) + np.array(offset) * pixels_pt
+        left, below = x - _SHARE_BEFORE[across] * width, y - _SHARE_BEFORE[up] * height
+        box = Bbox.from_bounds(left, below, width, height).padded(room)
         names = sum(box.overlaps(other) for other in taken) + (not inside(text.axes, box))
         found.append((names, sum(box.count_contains(line) for line in lines), rank))
-    _move(text, *places[min(found)[-1]])
+    text.xy, text.xyann, across, up = places[min(found)[-1]]
+    text.set(ha=across, va=up)
 
 
 def inside(axes: Any, box: Bbox) -> bool:
     """Whether a box in pixels lies within axes."""
     view = axes.get_window_extent()
     return bool(view.x0 <= box.x0 and box.x1 <= view.x1 and view.y0 <= box.y0 and box.y1 <= view.y1)
-
-
-def _move(text: Any, point: tuple[float, float], offset: tuple[float, float], across: str, up: str) -> None:
-    text.xy, text.xyann = point, offset
-    text.set(ha=across, va=up)
 
 
 def on_page(axes: Any, x: np.ndarray, y: np.ndarray, step_px: float = 3.0) -> np.ndarray:

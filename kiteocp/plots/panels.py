@@ -7,11 +7,16 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
+from matplotlib.markers import TICKDOWN
+from matplotlib.ticker import NullLocator
 
 from kiteocp.plots.labels import stack
 from kiteocp.plots.side_view import segments
 from kiteocp.plots.style import (
     BLUE,
+    GREY,
+    GRID,
+    GRID_WIDTH,
     INK,
     LABEL_SIZE,
     LIMIT_STYLE,
@@ -19,6 +24,7 @@ from kiteocp.plots.style import (
     PHASE_ALPHA,
     PRESCRIBED_STYLE,
     SMALL_SIZE,
+    TICK_LENGTH,
     phase_colour,
 )
 from kiteocp.result import Result
@@ -113,6 +119,30 @@ def draw_zero(axes: Any) -> None:
     low, high = axes.get_ylim()
     if low < 0.0 < high:
         axes.axhline(0.0, color=INK, linewidth=0.7, zorder=1.4)
+
+
+def mark_times(all_axes: Sequence[Any], below: Any) -> None:
+    """Mark the times of the panel below in those above it, which have no words for them.
+
+    Ticks of matplotlib are five artists each, words included, and a tenth of the time of the picture.
+    """
+    start, end = below.get_xlim()
+    times = [time for time in below.get_xticks() if start <= time <= end]
+    for axes in all_axes:
+        axes.xaxis.set_major_locator(NullLocator())
+        along = axes.get_xaxis_transform()
+        axes.vlines(times, 0.0, 1.0, transform=along, color=GRID, linewidth=GRID_WIDTH, zorder=0.5)
+        axes.plot(
+            times,
+            [0.0] * len(times),
+            linestyle="",
+            marker=TICKDOWN,
+            markersize=TICK_LENGTH,
+            markeredgewidth=0.8,
+            color=GREY,
+            transform=along,
+            clip_on=False,
+        )
 
 
 def shade_phases(all_axes: Sequence[Any], result: Result) -> None:

@@ -78,12 +78,14 @@ def make_ready(verb: str, suffixes: Sequence[str]) -> None:
 
 def drawn(study: Study, suffixes: Sequence[str]) -> Iterator[Mapping[str, bytes]]:
     """Draw the figures of a study one by one; yield the contents of the files of each by suffix."""
-    from kiteocp.plots.style import figure_bytes  # noqa: PLC0415
+    from kiteocp.plots.style import figure_bytes, look  # noqa: PLC0415
 
     draw_one = drawings(study)
     for figure in study.figures():
-        composed = draw_one[figure.stem]()
-        yield {suffix: figure_bytes(composed, suffix) for suffix in suffixes}
+        with look():
+            composed = draw_one[figure.stem]()
+            files = {suffix: figure_bytes(composed, suffix) for suffix in suffixes}
+        yield files
 
 
 def draw_study(

@@ -11,11 +11,13 @@ import numpy as np
 import pytest
 from made_result import make_optimum, make_result
 from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
 
 from kiteocp import load_problem, simulate, solve
 from kiteocp.cli.main import main
 from kiteocp.plots import draw
 from kiteocp.plots.cycle import compose_cycle, compose_optimum
+from kiteocp.plots.labels import extent, place
 from kiteocp.plots.sensitivity import compose_variation
 from kiteocp.plots.side_view import path_of
 from kiteocp.plots.style import make_figure, write_line
@@ -116,3 +118,21 @@ def test_a_histogram_has_no_more_bars_than_its_samples_fill(count: int) -> None:
     histogram = _histogram(powers)
     assert sum(histogram["counts"]) == count
     assert len(histogram["counts"]) == min(math.ceil(math.sqrt(count)), 24)
+
+
+@pytest.mark.parametrize("across", ["left", "center", "right"])
+@pytest.mark.parametrize("up", ["bottom", "center", "top"])
+def test_a_name_is_placed_by_the_box_that_it_will_have(across: str, up: str) -> None:
+    axes = make_figure(6.0, 4.0).add_axes((0.1, 0.1, 0.8, 0.8))
+    name = axes.annotate("graph", (0.5, 0.5), xytext=(7, -4), textcoords="offset points", ha=across, va=up)
+    box = extent(name)
+    (x, y), hair = 0.5 * (box.min + box.max), 0.01
+    near = ((0.5, 0.5), (7, -4), across, up)
+    far = ((0.1, 0.1), (0, 0), "left", "bottom")
+    for side in ((box.x0, y, -hair), (box.x1, y, hair), (x, box.y0, -hair), (x, box.y1, hair)):
+        *point, outwards = side
+        along = np.array([outwards, 0.0] if point[1] == y else [0.0, outwards])
+        for step, expected in ((along, near), (-along, far)):
+            spot = Bbox([np.array(point) + step - 1e-6, np.array(point) + step + 1e-6])
+            place(name, [near, far], [], [spot])
+            assert (name.xy, name.xyann, name.get_ha(), name.get_va()) == expected
