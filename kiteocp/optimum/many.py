@@ -45,15 +45,15 @@ class _Start(msgspec.Struct, frozen=True):
         A solution of another one.
     known
         The nearest one that a crude start agreed with.
-    durations
-        Of its phases, whatever their unit; shape (phases,).
+    traction_duration
+        Of its traction, whatever the unit.
     asked
         Whether a crude start had the word on the solution itself.
     """
 
     solution: Solution
     known: Solution
-    durations: FloatArray
+    traction_duration: float
     asked: bool = True
 
 
@@ -145,7 +145,7 @@ def _solve_family(
     parents = _parents(points, rest)
     waves = list(_waves(parents, rest))
 
-    best = _Start(family.optima[0], family.optima[0], family.durations(family.optima[0]))
+    best = _Start(family.optima[0], family.optima[0], family.traction_duration(family.optima[0]))
 
     def start_of(index: int) -> _Start:
         """Return the nearest ancestor that has a solution; from afar it is the middle that kinds are compared with."""
@@ -199,14 +199,14 @@ def _rivals(points: FloatArray, solved: Mapping[int, _Start | None]) -> dict[int
     places = np.array(list(known))
     if not places.size:
         return {}
-    durations = np.log([start.durations for start in known.values()])
+    durations = np.log([start.traction_duration for start in known.values()])
     found: dict[int, _Start] = {}
     for place, (index, start) in enumerate(known.items()):
         if start.asked:
             continue
         distance = np.linalg.norm(points[places] - points[index], axis=1)
         near = np.argsort(distance)[1 : NEAREST + 1]
-        other = near[np.abs(durations[near] - durations[place]).max(axis=1) > np.log(ANOTHER_KIND)]
+        other = near[np.abs(durations[near] - durations[place]) > np.log(ANOTHER_KIND)]
         if other.size:
             rival = known[int(places[other[0]])]
             # Followed as it is, whatever it turns into.
@@ -226,7 +226,7 @@ def _solved(problem: Problem, family: Family, start: _Start, certificate: Level)
         return result, None
     asked = any(attempt.start not in {"neighbour", "rival"} for attempt in optimum.attempts)
     known = optimum.solution if asked else start.known
-    return result, _Start(optimum.solution, known, family.durations(optimum.solution), asked)
+    return result, _Start(optimum.solution, known, family.traction_duration(optimum.solution), asked)
 
 
 def _scaled(problems: Sequence[Problem]) -> FloatArray:

@@ -13,6 +13,7 @@ from functools import cached_property
 import msgspec
 import numpy as np
 
+from kiteocp.cycle.phases import TRACTION
 from kiteocp.execution import one_at_a_time
 from kiteocp.ocp.collocation import FloatArray
 from kiteocp.ocp.neighbour import Neighbourhood
@@ -28,8 +29,8 @@ from kiteocp.problem import Problem
 #: first order the difference of two optima over changes of 20 % is right to some per cent of the power.
 RIVAL = 0.05
 
-#: A phase that lasts longer or shorter by this factor than where a solution comes from makes it another kind of cycle:
-#: optima of two kinds trade places there, and a start has the word too.
+#: A traction that lasts longer or shorter by this factor than where a solution comes from makes it another kind of
+#: cycle: optima of short and of long ones trade places there, and a start has the word too.
 ANOTHER_KIND = 1.5
 
 #: Local optima that are kept, the best ones.
@@ -127,13 +128,13 @@ class Family(msgspec.Struct, frozen=True, eq=False, dict=True):
             found.append(next(attempts_from_starts(self.solver, values)))
         return found
 
-    def durations(self, solution: Solution) -> FloatArray:
-        """Durations of the phases of a solution, over their scales, shape (phases,)."""
-        return np.asarray(solution.x[[layout.duration for layout in self.solver.program.layouts.values()]])
+    def traction_duration(self, solution: Solution) -> float:
+        """Return the duration of the traction of a solution, over its scale."""
+        return float(solution.x[self.solver.program.layouts[TRACTION.name].duration])
 
     def _is_another_kind(self, solution: Solution, known: Solution) -> bool:
-        ratios = self.durations(solution) / self.durations(known)
-        return bool(np.max(np.maximum(ratios, 1.0 / ratios)) > ANOTHER_KIND)
+        ratio = self.traction_duration(solution) / self.traction_duration(known)
+        return max(ratio, 1.0 / ratio) > ANOTHER_KIND
 
     def _lines(self) -> list[tuple[float, FloatArray, Solution]]:
         # A single optimum has no rivals, and needs no slopes.
